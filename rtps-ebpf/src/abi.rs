@@ -1,0 +1,189 @@
+//! What kernel and user space share: map names, keys, values, and the records in the rings.
+//!
+//! All structs are `repr(C)` without padding. Integers are in the host's byte order, except for
+//! addresses and GUIDs, which are byte arrays in network order. Who writes which map stands in
+//! `docs/abi.md`. A change of anything here raises [`ABI_VERSION`], which is part of the name of
+//! the folder where maps and programs are pinned, so that two versions never share a map.
+
+use crate::entity::GuidPrefix;
+
+/// The version of everything in this module.
+pub const ABI_VERSION: u32 = 1;
+
+/// Names of maps and programs, the same in the object and under the pin folder.
+pub mod name {
+    /// `Array[1]` of [`Config`](super::Config).
+    pub const CONFIG: &str = "config";
+    /// `Array[DOMAINS]` of [`Domain`](super::Domain).
+    pub const DOMAINS: &str = "domains";
+    /// `Hash` from UDP port (`u16`, host order) to [`PortConfig`](super::PortConfig).
+    pub const PORTS: &str = "ports";
+    /// `Hash` from this host's own unicast addresses (16 bytes, IPv4 mapped) to `u32` (any value).
+    pub const ADDRESSES: &str = "addresses";
+    /// `Hash` from writer [`Guid`](crate::entity::Guid) to [`SlotSet`](crate::SlotSet).
+    pub const ROUTES: &str = "routes";
+    /// `Array[SLOTS]` of [`App`](super::App).
+    pub const APPS: &str = "apps";
+    /// `ArrayOfMaps[SLOTS]`; each inner map is an mmapable `Array[1]` of [`Bell`](super::Bell).
+    pub const BELLS: &str = "bells";
+    /// `ArrayOfMaps[SLOTS]`; each inner map is a ring buffer of any size.
+    pub const RINGS: &str = "rings";
+    /// `Hash` from [`GuidPrefix`](crate::entity::GuidPrefix) to [`Peer`](super::Peer).
+    pub const PEERS: &str = "peers";
+    /// `PerCpuHash` from interface index (`u32`) to `[u64; Counter::COUNT]`; key 0 takes the rest.
+    pub const COUNTERS: &str = "counters";
+    /// Every map, in the order above.
+    pub const MAPS: [&str; 10] = [
+        CONFIG, DOMAINS, PORTS, ADDRESSES, ROUTES, APPS, BELLS, RINGS, PEERS, COUNTERS,
+    ];
+    /// The XDP program.
+    pub const XDP_PROGRAM: &str = "rtps_xdp";
+    /// The filter for the layer's own UDP sockets.
+    pub const FILTER_PROGRAM: &str = "rtps_filter";
+}
+
+/// Slots of apps; slot 0 stands for rtpsd and the built-in entities.
+pub const SLOTS: u32 = 256;
+/// RTPS domains that one layer serves at the same time.
+pub const DOMAINS: u32 = 16;
+/// UDP ports in the `ports` map.
+pub const PORTS: u32 = 256;
+/// Own addresses in the `addresses` map.
+pub const ADDRESSES: u32 = 1024;
+/// Remote writers in the `routes` map.
+pub const ROUTES: u32 = 65_536;
+/// Remote participants in the `peers` map.
+pub const PEERS: u32 = 8_192;
+/// Interfaces with counters of their own.
+pub const INTERFACES: u32 = 64;
+/// Submessages that the layer looks at in one message. A datagram has room for some 16,000 empty
+/// ones; real senders pack a few hundred.
+pub const MAX_SUBMESSAGES: u32 = 4_096;
+
+/// The first bytes of every ring record; the RTPS message follows at once, then unused bytes up
+/// to the record's size, which is one of a few constants.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RecordHeader {
+    /// Length of the RTPS message in bytes.
+    pub message_len: u32,
+    /// Index of the interface that the message came in on.
+    pub ifindex: u32,
+    /// Index into `domains`, not the domain id.
+    pub domain_index: u32,
+    /// Who delivered: [`HOOK_XDP`] or [`HOOK_FILTER`].
+    pub hook: u16,
+    /// UDP port that the message came from.
+    pub source_port: u16,
+    /// Address that the message came from, IPv4 as `::ffff:a.b.c.d`.
+    pub source_address: [u8; 16],
+    /// CLOCK_MONOTONIC, in nanoseconds, when the kernel handled the message.
+    pub received_ns: u64,
+}
+
+/// [`RecordHeader::hook`]: delivered by the XDP program.
+pub const HOOK_XDP: u16 = 1;
+/// [`RecordHeader::hook`]: delivered by the socket filter.
+pub const HOOK_FILTER: u16 = 2;
+
+/// `config`: written once by rtpsd, when everything else is in place. The programs leave every
+/// packet alone until it holds their own version.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Config {
+    /// [`ABI_VERSION`].
+    pub abi_version: u32,
+    /// [`DOORBELL_RING`] or [`DOORBELL_PACKET`].
+    pub doorbell: u32,
+}
+
+/// [`Config::doorbell`]: a sleeping app is always woken by its ring's own notification.
+pub const DOORBELL_RING: u32 = 0;
+/// [`Config::doorbell`]: XDP turns the datagram itself into the doorbell where it can, which
+/// saves an inter-processor interrupt. Needs a firewall that lets it reach the apps' ports.
+pub const DOORBELL_PACKET: u32 = 1;
+
+/// `domains`: a domain that the layer serves.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Domain {
+    /// The GUID prefix of this host's one participant in the domain.
+    pub guid_prefix: GuidPrefix,
+    /// The domain id.
+    pub domain_id: u32,
+}
+
+/// `ports`: a UDP port that the layer owns in this network namespace.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PortConfig {
+    /// Index into `domains`, not the domain id.
+    pub domain_index: u16,
+    /// [`PORT_UNICAST`] or [`PORT_MULTICAST`].
+    pub kind: u16,
+}
+
+/// [`PortConfig::kind`]: the port is the layer's alone, so XDP may take what is sent to it.
+pub const PORT_UNICAST: u16 = 0;
+/// [`PortConfig::kind`]: shared with other DDS stacks of this host; only the socket filter, which
+/// sees the layer's own copy, acts on it.
+pub const PORT_MULTICAST: u16 = 1;
+
+/// `apps`: an attached app.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct App {
+    /// [`APP_FREE`] or [`APP_ATTACHED`].
+    pub state: u32,
+    /// Index into `domains`; the app gets messages of this domain only.
+    pub domain_index: u32,
+    /// UDP port (host order) of the app's own socket, or 0 when it has none to ring at.
+    pub doorbell_port: u32,
+    /// Zero.
+    pub reserved: u32,
+}
+
+/// [`App::state`]: the slot is free, nothing is delivered.
+pub const APP_FREE: u32 = 0;
+/// [`App::state`]: the slot's ring takes messages.
+pub const APP_ATTACHED: u32 = 1;
+
+/// An app's bell: a cache line that the app maps and writes, and that the kernel reads right
+/// after it submitted a record.
+///
+/// Before it sleeps, the app stores 1, issues a sequentially consistent fence and looks at the
+/// ring once more; awake again, it stores 0. The kernel's submit is a full barrier too, so either
+/// the app sees the record or the kernel sees the 1.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Bell {
+    /// 1: the app sleeps or is about to.
+    pub need_wakeup: u32,
+    /// Zero; keeps the flag on a line of its own.
+    pub reserved: [u32; 15],
+}
+
+/// `peers`: a remote participant; rtpsd inserts and removes it, the kernel renews it.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Peer {
+    /// CLOCK_MONOTONIC, in nanoseconds, of the last valid message that named this prefix as its
+    /// sender.
+    pub last_seen_ns: u64,
+}
+
+const _: () = {
+    assert!(size_of::<RecordHeader>() == 40 && align_of::<RecordHeader>() == 8);
+    assert!(size_of::<Config>() == 8);
+    assert!(size_of::<Domain>() == 16);
+    assert!(size_of::<PortConfig>() == 4);
+    assert!(size_of::<App>() == 16);
+    assert!(size_of::<Bell>() == 64);
+    assert!(size_of::<Peer>() == 8);
+};
+
+/// Sizes of ring records, header included: the verifier wants constants, so a message takes the
+/// smallest that holds it. The last one holds the largest UDP datagram.
+pub const RECORD_SIZES: [usize; 7] = [256, 512, 1024, 2048, 9216, 16_384, 66_560];
+
+const _: () = assert!(RECORD_SIZES[6] >= size_of::<RecordHeader>() + 65_507 + 512);

@@ -1,0 +1,86 @@
+//! Delivery: one record into the ring of each app concerned, then a look at its bell.
+
+use core::ops::ControlFlow;
+
+use rtps_ebpf::{
+    Counter, SlotSet,
+    abi::{App, SLOTS},
+};
+
+use crate::{
+    maps::{self, Counters, Ring, Scratch},
+    sys::{Packet, Repeat, repeat},
+};
+
+/// What a hook wants delivered; `scratch` holds the record's header.
+pub(crate) struct Delivery<'a, M> {
+    pub(crate) message: &'a M,
+    pub(crate) scratch: &'a mut Scratch,
+    pub(crate) counters: Counters,
+    /// Whether the datagram itself may serve as the doorbell of one app.
+    pub(crate) doorbell_by_packet: bool,
+}
+
+impl<M: Packet> Delivery<'_, M> {
+    /// Delivers, and returns the port of the app that the datagram itself has to wake, if any.
+    #[inline(always)]
+    pub(crate) fn run(mut self, targets: &SlotSet) -> Option<u16> {
+        self.scratch.targets = *targets;
+        self.scratch.delivered = 0;
+        self.scratch.doorbell_port = 0;
+        repeat(SLOTS, &mut self);
+        if self.scratch.delivered != 0 {
+            self.counters.count(Counter::DeliveredMessages);
+        }
+        let port = self.scratch.doorbell_port;
+        (port != 0).then_some(port as u16)
+    }
+}
+
+impl<M: Packet> Repeat for Delivery<'_, M> {
+    #[inline(always)]
+    fn turn(&mut self) -> ControlFlow<()> {
+        let Some(slot) = self.scratch.targets.pop() else {
+            return ControlFlow::Break(());
+        };
+        self.deliver_to(u32::from(slot));
+        ControlFlow::Continue(())
+    }
+}
+
+impl<M: Packet> Delivery<'_, M> {
+    #[inline(always)]
+    fn deliver_to(&mut self, slot: u32) {
+        let header = &self.scratch.header;
+        let counters = self.counters;
+        let (Some(app), Some(ring)) = (maps::app(slot, header.domain_index), Ring::of(slot)) else {
+            counters.count(Counter::LostNoApp);
+            return;
+        };
+        match ring.write(header, self.message) {
+            Ok(()) => {
+                self.scratch.delivered = 1;
+                counters.count(Counter::DeliveredRecords);
+                counters.add(Counter::DeliveredBytes, header.message_len.into());
+            }
+            Err(()) => counters.count(Counter::LostRingFull),
+        }
+        // Even when the ring is full: an earlier doorbell may have got lost on its way.
+        if maps::needs_wakeup(slot) {
+            self.wake(app, ring);
+        }
+    }
+
+    #[inline(always)]
+    fn wake(&mut self, app: &App, ring: Ring) {
+        let counters = self.counters;
+        let port = app.doorbell_port;
+        if self.doorbell_by_packet && self.scratch.doorbell_port == 0 && port != 0 {
+            self.scratch.doorbell_port = port;
+            counters.count(Counter::DoorbellPacket);
+        } else {
+            ring.wake();
+            counters.count(Counter::DoorbellRing);
+        }
+    }
+}

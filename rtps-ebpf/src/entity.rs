@@ -1,0 +1,36 @@
+//! GUIDs and entity ids as they stand on the wire (RTPS 2.5, 9.3.1).
+
+/// The 12 bytes that all entities of one participant share.
+pub type GuidPrefix = [u8; 12];
+
+/// entityKey (3 bytes) and entityKind (1 byte).
+pub type EntityId = [u8; 4];
+
+/// GUID prefix and entity id; the key of the route map.
+pub type Guid = [u8; 16];
+
+/// No entity in particular: every matched one.
+pub const ENTITY_ID_UNKNOWN: EntityId = [0; 4];
+
+/// Both bits set in an entityKind: an entity that the standard defines.
+const BUILT_IN_KIND: u8 = 0xc0;
+
+/// Whether the standard defines this entity, so that it belongs to discovery and not to an app.
+#[inline(always)]
+pub const fn is_built_in(entity: EntityId) -> bool {
+    entity[3] & BUILT_IN_KIND == BUILT_IN_KIND
+}
+
+/// The slot of the app that owns one of this host's entities: the first byte of its key.
+#[inline(always)]
+pub const fn slot(entity: EntityId) -> u8 {
+    entity[0]
+}
+
+/// Joins a prefix and an entity id.
+#[inline(always)]
+pub const fn guid(prefix: &GuidPrefix, entity: EntityId) -> Guid {
+    let [a, b, c, d, e, f, g, h, i, j, k, l] = *prefix;
+    let [m, n, o, p] = entity;
+    [a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p]
+}

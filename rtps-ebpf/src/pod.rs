@@ -1,0 +1,27 @@
+//! Lets aya copy the ABI's structs into and out of maps; feature `object`.
+#![expect(unsafe_code, reason = "`aya::Pod` is an unsafe marker trait")]
+
+use crate::{
+    SlotSet,
+    abi::{App, Bell, Config, Domain, Peer, PortConfig, RecordHeader},
+};
+
+macro_rules! pod {
+    ($($type:ty),+ $(,)?) => {
+        $(
+            // SAFETY: `repr(C)`, integers and byte arrays only, and asserted to have no padding.
+            unsafe impl aya::Pod for $type {}
+        )+
+    };
+}
+
+pod!(
+    App,
+    Bell,
+    Config,
+    Domain,
+    Peer,
+    PortConfig,
+    RecordHeader,
+    SlotSet
+);

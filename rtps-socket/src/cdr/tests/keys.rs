@@ -1,0 +1,151 @@
+//! Serialized keys and key hashes.
+
+use super::{Mutable, REPRESENTATIONS, ShapeType, hex, square};
+use crate::DdsType;
+use crate::cdr::{DdsType, DecodeError, Representation, from_key_payload, key_hash, key_payload};
+
+fn hash<T: DdsType>(value: &T, representation: Representation) -> [u8; 16] {
+    key_hash(value, representation, &mut Vec::new()).unwrap()
+}
+
+fn key<T: DdsType>(value: &T, representation: Representation) -> Vec<u8> {
+    let mut out = Vec::new();
+    key_payload(value, representation, &mut out).unwrap();
+    out
+}
+
+#[test]
+fn a_key_that_may_be_long_is_hashed_even_when_it_is_short() {
+    for representation in REPRESENTATIONS {
+        // MD5 of 00 00 00 04 "RED" 00.
+        let expected = hex("d36de865fac295155f18df7157b217e6");
+        assert_eq!(hash(&square(), representation)[..], expected);
+    }
+}
+
+#[derive(Debug, PartialEq, DdsType)]
+struct Position {
+    #[dds(key, id = 9)]
+    row: u8,
+    note: String,
+    #[dds(key, id = 2)]
+    column: u16,
+}
+
+#[derive(Debug, PartialEq, DdsType)]
+struct Located {
+    altitude: f64,
+    #[dds(key)]
+    serial: u64,
+    #[dds(key)]
+    position: Position,
+}
+
+fn located() -> Located {
+    Located {
+        altitude: 1.5,
+        serial: 1,
+        position: Position {
+            row: 3,
+            note: "not part of the key".to_owned(),
+            column: 4,
+        },
+    }
+}
+
+#[test]
+fn a_short_key_is_its_own_hash_ordered_by_member_id() {
+    for representation in REPRESENTATIONS {
+        let expected = hex("0000000000000001 0004 03 0000000000");
+        assert_eq!(hash(&located(), representation)[..], expected);
+    }
+}
+
+#[test]
+fn a_key_payload_has_the_encoding_of_the_type_and_its_key_members() {
+    let payload = key(&located(), Representation::Xcdr1);
+    assert_eq!(payload, hex("00010000 0100000000000000 03000400"));
+    let payload = key(&located(), Representation::Xcdr2);
+    assert_eq!(
+        payload,
+        hex("00090000 10000000 0100000000000000 04000000 03000400")
+    );
+    let payload = key(&square(), Representation::Xcdr1);
+    assert_eq!(payload, hex("00010000 04000000 52454400"));
+    let mutable = Mutable {
+        a: 7,
+        b: Some(1),
+        s: "x".to_owned(),
+    };
+    let payload = key(&mutable, Representation::Xcdr2);
+    assert_eq!(payload, hex("000b0000 08000000 010000a0 07000000"));
+}
+
+#[test]
+fn a_key_payload_gives_the_key_back_and_defaults_for_the_rest() {
+    for representation in REPRESENTATIONS {
+        let read: Located = from_key_payload(&key(&located(), representation)).unwrap();
+        assert_eq!(read.serial, 1);
+        assert_eq!(read.altitude, 0.0);
+        assert_eq!((read.position.row, read.position.column), (3, 4));
+        assert_eq!(read.position.note, "");
+        assert_eq!(
+            hash(&read, representation),
+            hash(&located(), representation)
+        );
+        let read: ShapeType = from_key_payload(&key(&square(), representation)).unwrap();
+        assert_eq!(read.color, "RED");
+        assert_eq!(read.additional_payload_size, []);
+    }
+}
+
+#[test]
+fn a_missing_key_is_an_error() {
+    let error = from_key_payload::<Mutable>(&hex("000b0000 00000000")).unwrap_err();
+    assert_eq!(error, DecodeError::MissingMember { member: "a" });
+}
+
+#[derive(Debug, PartialEq, DdsType)]
+struct Boundary {
+    #[dds(key, bound = 3)]
+    name: String,
+    #[dds(key)]
+    number: u64,
+}
+
+#[derive(Debug, PartialEq, DdsType)]
+struct Beyond {
+    #[dds(key, bound = 4)]
+    name: String,
+    #[dds(key)]
+    number: u64,
+}
+
+#[test]
+fn the_largest_key_decides_whether_it_is_hashed() {
+    let boundary = Boundary {
+        name: "a".to_owned(),
+        number: 1,
+    };
+    let plain = hex("00000002 6100 0000 0000000000000001");
+    assert_eq!(hash(&boundary, Representation::Xcdr2)[..], plain);
+    let beyond = Beyond {
+        name: "a".to_owned(),
+        number: 1,
+    };
+    assert_ne!(hash(&beyond, Representation::Xcdr2)[..], plain);
+}
+
+#[derive(Debug, PartialEq, DdsType)]
+struct Keyless {
+    value: u32,
+}
+
+#[test]
+fn a_type_without_key_has_an_empty_key() {
+    let value = Keyless { value: 5 };
+    assert_eq!(hash(&value, Representation::Xcdr1), [0; 16]);
+    let payload = key(&value, Representation::Xcdr1);
+    assert_eq!(payload, hex("00010000"));
+    assert_eq!(from_key_payload(&payload), Ok(Keyless { value: 0 }));
+}

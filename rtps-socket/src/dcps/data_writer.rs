@@ -1,0 +1,167 @@
+//! DataWriter (DDS 1.4 section 2.2.2.4.2).
+
+use std::cell::RefCell;
+use std::marker::PhantomData;
+use std::time::{Duration, SystemTime};
+
+use bytes::Bytes;
+use rtps_user::history::ChangeKind;
+use rtps_user::qos::DataRepresentation;
+use rtps_user::wire::{Guid, SequenceNumber};
+
+use super::{Topic, instance_of};
+use crate::cdr::{DdsType, EncodeError, Representation, key_payload, to_payload};
+use crate::error::{CreateError, WaitError, WriteError};
+use crate::qos::Qos;
+use crate::socket::{RawChange, RawWriter, RtpsSocket};
+use crate::status::StatusEvent;
+
+/// Payloads up to this size are serialized into a buffer that is used again, and copied; larger ones keep theirs.
+const COPIED: usize = 4096;
+
+thread_local! {
+    /// For serialized samples and keys.
+    static BUFFERS: RefCell<(Vec<u8>, Vec<u8>)> = const { RefCell::new((Vec::new(), Vec::new())) };
+}
+
+/// A writer of samples of type `T`. Dropped, it is withdrawn: samples that readers still lack are gone.
+pub struct DataWriter<T> {
+    writer: RawWriter,
+    representation: Representation,
+    sample: PhantomData<fn(&T)>,
+}
+
+impl<T: DdsType> DataWriter<T> {
+    pub(super) fn new(
+        socket: &RtpsSocket,
+        topic: &Topic<T>,
+        qos: Qos,
+    ) -> Result<Self, CreateError> {
+        let representation = match qos.clone().into_writer().representation.first() {
+            None | Some(DataRepresentation::Xcdr1) => Representation::Xcdr1,
+            Some(DataRepresentation::Xcdr2) => Representation::Xcdr2,
+            Some(DataRepresentation::Xml) => return Err(CreateError::UnsupportedRepresentation),
+        };
+        Ok(Self {
+            writer: socket.create_writer(topic.name(), T::TYPE_NAME, qos, T::HAS_KEY)?,
+            representation,
+            sample: PhantomData,
+        })
+    }
+
+    /// Writes a sample, from the caller's thread. While the history of a reliable KEEP_ALL writer is full it waits,
+    /// up to the writer's max_blocking_time.
+    ///
+    /// # Errors
+    /// When the value cannot be serialized, or the history has no room for it.
+    pub fn write(&self, value: &T) -> Result<SequenceNumber, WriteError> {
+        self.change(ChangeKind::Alive, value, None)
+    }
+
+    /// Writes a sample with a source timestamp of its own.
+    ///
+    /// # Errors
+    /// As [`write`](Self::write).
+    pub fn write_at(&self, value: &T, timestamp: SystemTime) -> Result<SequenceNumber, WriteError> {
+        self.change(ChangeKind::Alive, value, Some(timestamp))
+    }
+
+    /// Disposes the instance that `value` belongs to; only its key members count.
+    ///
+    /// # Errors
+    /// As [`write`](Self::write), and when the topic has no key.
+    pub fn dispose(&self, value: &T) -> Result<SequenceNumber, WriteError> {
+        self.end(ChangeKind::Disposed, value)
+    }
+
+    /// Says that this writer will not write the instance that `value` belongs to any more.
+    ///
+    /// # Errors
+    /// As [`write`](Self::write), and when the topic has no key.
+    pub fn unregister(&self, value: &T) -> Result<SequenceNumber, WriteError> {
+        self.end(ChangeKind::Unregistered, value)
+    }
+
+    fn end(&self, kind: ChangeKind, value: &T) -> Result<SequenceNumber, WriteError> {
+        match T::HAS_KEY {
+            true => self.change(kind, value, None),
+            false => Err(WriteError::NoKey),
+        }
+    }
+
+    fn change(
+        &self,
+        kind: ChangeKind,
+        value: &T,
+        timestamp: Option<SystemTime>,
+    ) -> Result<SequenceNumber, WriteError> {
+        let (payload, instance) = BUFFERS.with_borrow_mut(|(payload, key)| {
+            let instance = instance_of(value, self.representation, key)?;
+            Ok::<_, EncodeError>((self.serialize(kind, value, payload)?, instance))
+        })?;
+        self.writer.send_change(RawChange {
+            kind,
+            instance,
+            payload,
+            timestamp,
+        })
+    }
+
+    fn serialize(
+        &self,
+        kind: ChangeKind,
+        value: &T,
+        buffer: &mut Vec<u8>,
+    ) -> Result<Bytes, EncodeError> {
+        buffer.clear();
+        match kind {
+            ChangeKind::Alive => to_payload(value, self.representation, buffer)?,
+            _ => key_payload(value, self.representation, buffer)?,
+        }
+        match buffer.len() {
+            ..=COPIED => Ok(Bytes::copy_from_slice(buffer)),
+            _ => Ok(Bytes::from(std::mem::take(buffer))),
+        }
+    }
+
+    /// Its name.
+    pub fn guid(&self) -> Guid {
+        self.writer.guid()
+    }
+
+    /// The readers that it is matched with.
+    pub fn matched(&self) -> Vec<Guid> {
+        self.writer.matched()
+    }
+
+    /// Waits until at least `count` readers are matched.
+    ///
+    /// # Errors
+    /// When there are fewer after `timeout`.
+    pub fn wait_for_matched(&self, count: usize, timeout: Duration) -> Result<(), WaitError> {
+        self.writer.wait_for_matched(count, timeout)
+    }
+
+    /// Waits until every reliable reader has acknowledged everything.
+    ///
+    /// # Errors
+    /// When one has not after `timeout`.
+    pub fn wait_for_acknowledgments(&self, timeout: Duration) -> Result<(), WaitError> {
+        self.writer.wait_for_acknowledgments(timeout)
+    }
+
+    /// Asserts that the writer is alive, where LIVELINESS is MANUAL_BY_TOPIC.
+    pub fn assert_liveliness(&self) {
+        self.writer.assert_liveliness();
+    }
+
+    /// What has happened since the last call, up to the newest 256 events; nothing where there is a listener.
+    pub fn status_events(&self) -> Vec<StatusEvent> {
+        self.writer.status_events()
+    }
+
+    /// Has `listener` called with every event, by whatever thread drives.
+    pub fn set_listener(&self, listener: impl Fn(StatusEvent) + Send + Sync + 'static) {
+        self.writer.set_listener(listener);
+    }
+}

@@ -1,0 +1,105 @@
+//! DomainParticipant (DDS 1.4 section 2.2.2.2.1).
+
+use super::{DataReader, DataWriter, Publisher, Subscriber, Topic};
+use crate::cdr::DdsType;
+use crate::error::{CreateError, OpenError};
+use crate::qos::Qos;
+use crate::socket::{Builder, RtpsSocket};
+
+/// An app's place in a DDS domain.
+///
+/// Clones are the same participant; the domain is left when the last clone and everything made from it are gone.
+///
+/// ```no_run
+/// use rtps_socket::{DdsType, DomainParticipant, Qos};
+///
+/// #[derive(DdsType)]
+/// struct Greeting {
+///     text: String,
+/// }
+///
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let participant = DomainParticipant::new(0)?;
+/// let topic = participant.create_topic::<Greeting>("Greetings")?;
+/// let writer = participant.create_writer(&topic, Qos::reliable())?;
+/// writer.write(&Greeting { text: "hello".to_owned() })?;
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Clone)]
+pub struct DomainParticipant {
+    socket: RtpsSocket,
+}
+
+impl DomainParticipant {
+    /// Joins a domain, 0 to 232.
+    ///
+    /// # Errors
+    /// When no layer can be used; the error says what to do.
+    pub fn new(domain: u32) -> Result<Self, OpenError> {
+        Self::builder().domain(domain).open()
+    }
+
+    /// Domain, layer and other choices.
+    pub fn builder() -> Builder<Self> {
+        Builder::new()
+    }
+
+    /// The expert API of the same participant.
+    pub fn socket(&self) -> &RtpsSocket {
+        &self.socket
+    }
+
+    /// A topic with samples of type `T`.
+    ///
+    /// # Errors
+    /// When the name cannot be one.
+    pub fn create_topic<T: DdsType>(&self, name: &str) -> Result<Topic<T>, CreateError> {
+        Topic::new(name)
+    }
+
+    /// A publisher: writers with policies in common.
+    pub fn create_publisher(&self, qos: Qos) -> Publisher {
+        Publisher::new(self.socket.clone(), qos)
+    }
+
+    /// A subscriber: readers with policies in common.
+    pub fn create_subscriber(&self, qos: Qos) -> Subscriber {
+        Subscriber::new(self.socket.clone(), qos)
+    }
+
+    /// A writer of a publisher of its own.
+    ///
+    /// # Errors
+    /// When the policies make no sense.
+    pub fn create_writer<T: DdsType>(
+        &self,
+        topic: &Topic<T>,
+        qos: Qos,
+    ) -> Result<DataWriter<T>, CreateError> {
+        DataWriter::new(&self.socket, topic, qos)
+    }
+
+    /// A reader of a subscriber of its own.
+    ///
+    /// # Errors
+    /// When the policies make no sense.
+    pub fn create_reader<T: DdsType>(
+        &self,
+        topic: &Topic<T>,
+        qos: Qos,
+    ) -> Result<DataReader<T>, CreateError> {
+        DataReader::new(&self.socket, topic, qos)
+    }
+
+    /// Asserts the liveliness of all writers with LIVELINESS MANUAL_BY_PARTICIPANT.
+    pub fn assert_liveliness(&self) {
+        self.socket.assert_liveliness();
+    }
+}
+
+impl From<RtpsSocket> for DomainParticipant {
+    fn from(socket: RtpsSocket) -> Self {
+        Self { socket }
+    }
+}

@@ -1,0 +1,320 @@
+//! Everything of a participant that is under its lock: endpoints, link, and who waits for what.
+
+use std::collections::HashMap;
+use std::task::Waker;
+use std::time::{Duration, Instant};
+
+use rtps_user::endpoints::{EndpointEvent, Endpoints};
+use rtps_user::layer::protocol::{Endpoint, FromLayer, ToLayer};
+use rtps_user::qos::{PolicyId, Qos};
+use rtps_user::wire::{EntityId, EntityKind, Guid};
+
+use super::entity::{Entity, Notice};
+use super::seat::{Holder, SLACK, Seat, Sleep, WRITING};
+use crate::link::{Identity, LayerKind, Link};
+use crate::status::StatusEvent;
+use crate::sys::Wakeups;
+
+/// See the module.
+pub(crate) struct Core {
+    /// Writers and readers.
+    pub(crate) endpoints: Endpoints,
+    link: Box<dyn Link>,
+    entities: HashMap<EntityId, Entity>,
+    pub(super) seat: Seat,
+    identity: Identity,
+    next_serial: u16,
+    outgoing: Vec<u8>,
+    notices: Vec<Notice>,
+    last_write: Option<Instant>,
+}
+
+impl Core {
+    pub(super) fn new(link: Box<dyn Link>) -> Self {
+        let identity = link.identity();
+        Self {
+            endpoints: Endpoints::new(identity.prefix),
+            link,
+            entities: HashMap::new(),
+            seat: Seat::default(),
+            identity,
+            next_serial: 1,
+            outgoing: Vec::new(),
+            notices: Vec::new(),
+            last_write: None,
+        }
+    }
+
+    /// Which layer the participant uses.
+    pub(crate) fn layer(&self) -> LayerKind {
+        self.link.kind()
+    }
+
+    /// The most bytes of a datagram.
+    pub(crate) fn datagram_size(&self) -> usize {
+        self.identity.datagram_size.into()
+    }
+
+    /// A name for a new endpoint; `None` when the app has 65,535 of them.
+    pub(crate) fn new_guid(&mut self, kind: EntityKind) -> Option<Guid> {
+        for _ in 0..u16::MAX {
+            let entity = EntityId::of_app(self.identity.slot, self.next_serial, kind);
+            self.next_serial = self.next_serial.checked_add(1).unwrap_or(1);
+            if !self.entities.contains_key(&entity) {
+                return Some(Guid::new(self.identity.prefix, entity));
+            }
+        }
+        None
+    }
+
+    /// Makes an endpoint, which the caller has added to `endpoints`, known to the layer.
+    pub(crate) fn declare(
+        &mut self,
+        now: Instant,
+        id: EntityId,
+        topic: &str,
+        type_name: &str,
+        qos: Qos,
+    ) {
+        self.entities.insert(id, Entity::new(id, topic));
+        let endpoint = Endpoint {
+            entity: id,
+            topic: topic.to_owned(),
+            type_name: type_name.to_owned(),
+            qos,
+        };
+        self.link.request(now, ToLayer::Declare(Box::new(endpoint)));
+    }
+
+    /// Removes an endpoint.
+    pub(crate) fn withdraw(&mut self, now: Instant, id: EntityId) {
+        self.endpoints.remove(id);
+        self.link.request(now, ToLayer::Withdraw(id));
+        if let Some(mut entity) = self.entities.remove(&id) {
+            entity.wake(&mut self.notices);
+        }
+    }
+
+    /// Asserts the liveliness of all writers that want the app to do so.
+    pub(crate) fn assert_liveliness(&mut self, now: Instant) {
+        self.link.request(now, ToLayer::AssertLiveliness);
+    }
+
+    /// An endpoint that has been declared.
+    pub(crate) fn entity(&self, id: EntityId) -> Option<&Entity> {
+        self.entities.get(&id)
+    }
+
+    /// An endpoint that has been declared.
+    pub(crate) fn entity_mut(&mut self, id: EntityId) -> Option<&mut Entity> {
+        self.entities.get_mut(&id)
+    }
+
+    /// Wakes a task when something happens to an entity, which somebody has to notice.
+    pub(crate) fn wake_later(&mut self, id: EntityId, waker: &Waker) {
+        if let Some(entity) = self.entities.get_mut(&id) {
+            entity.wake_later(waker);
+            self.seat.is_wanted = !self.seat.is_external && self.seat.holder == Holder::Nobody;
+        }
+    }
+
+    /// Reports what the typed API finds out.
+    pub(crate) fn report(&mut self, id: EntityId, event: StatusEvent) {
+        if let Some(entity) = self.entities.get_mut(&id) {
+            entity.report(event, &mut self.notices);
+        }
+    }
+
+    /// The app writes: timers will be short for a while.
+    pub(crate) fn note_write(&mut self, now: Instant) {
+        self.last_write = Some(now);
+    }
+
+    /// Takes in what has arrived and follows up on it.
+    pub(crate) fn receive(&mut self, now: Instant, wakeups: Wakeups) {
+        let endpoints = &mut self.endpoints;
+        self.link.receive(now, wakeups, &mut |source, datagram| {
+            if let Err(error) = endpoints.handle_datagram(now, source, datagram) {
+                tracing::debug!(%source, len = datagram.len(), %error, "malformed datagram");
+            }
+        });
+        self.settle(now);
+    }
+
+    /// Does what is due, sends what is to be sent, and notes what has happened.
+    pub(crate) fn settle(&mut self, now: Instant) {
+        if self.endpoints.poll_timeout().is_some_and(|due| due <= now) {
+            self.endpoints.handle_timeout(now);
+        }
+        if self.link.poll_timeout().is_some_and(|due| due <= now) {
+            self.link.handle_timeout(now);
+        }
+        while let Some(message) = self.link.poll_message() {
+            self.handle_message(now, message);
+        }
+        while let Some(transmit) = self.endpoints.poll_transmit(now, &mut self.outgoing) {
+            self.link.send(&transmit, &self.outgoing);
+        }
+        while let Some(event) = self.endpoints.poll_event() {
+            self.handle_event(event);
+        }
+    }
+
+    /// When something is due.
+    pub(super) fn poll_timeout(&self) -> Option<Instant> {
+        let timeouts = [self.endpoints.poll_timeout(), self.link.poll_timeout()];
+        timeouts.into_iter().flatten().min()
+    }
+
+    /// Gets ready for a sleep until something arrives or is due, or until `deadline`. `None`: something has arrived.
+    pub(super) fn prepare_sleep(
+        &mut self,
+        now: Instant,
+        deadline: Option<Instant>,
+    ) -> Option<Option<Duration>> {
+        if !self.link.prepare_sleep() {
+            return None;
+        }
+        let is_writing = self.last_write.is_some_and(|write| now < write + WRITING);
+        let look_again = is_writing.then(|| now + SLACK);
+        let end = [self.poll_timeout(), deadline, look_again]
+            .into_iter()
+            .flatten()
+            .min();
+        self.seat.sleeps_until = Some(end.map_or(Sleep::Open, Sleep::Until));
+        Some(end.map(|end| end.saturating_duration_since(now)))
+    }
+
+    /// The sleep is over.
+    pub(super) fn awake(&mut self) {
+        self.seat.sleeps_until = None;
+        self.link.awake();
+    }
+
+    /// Leaves the domain.
+    pub(super) fn shutdown(&mut self, now: Instant) {
+        self.link.shutdown(now);
+    }
+
+    pub(super) fn take_notices(&mut self) -> Vec<Notice> {
+        std::mem::take(&mut self.notices)
+    }
+
+    fn handle_message(&mut self, now: Instant, message: FromLayer) {
+        match message {
+            FromLayer::Matched { local, remote } => {
+                self.endpoints.match_remote(now, local, &remote);
+                self.on_entity(local, |entity, notices| {
+                    entity.add_match(remote.guid, notices)
+                });
+            }
+            FromLayer::Unmatched { local, remote } => {
+                self.endpoints.unmatch(now, local, remote);
+                self.on_entity(local, |entity, notices| {
+                    entity.remove_match(remote, notices)
+                });
+            }
+            FromLayer::IncompatibleQos {
+                local,
+                remote,
+                policy,
+            } => {
+                self.report_incompatible(local, remote, policy);
+            }
+            FromLayer::InconsistentTopic { local, remote } => {
+                self.report_inconsistent(local, remote)
+            }
+            FromLayer::Liveliness {
+                participant,
+                manual,
+            } => {
+                self.endpoints.handle_liveliness(now, participant, manual);
+            }
+            FromLayer::Refused { reason } => tracing::error!("the layer refuses: {reason}"),
+            FromLayer::Welcome(_) => {}
+        }
+    }
+
+    fn handle_event(&mut self, event: EndpointEvent) {
+        let (id, event) = match event {
+            EndpointEvent::DataAvailable(id) | EndpointEvent::Acknowledged(id) => {
+                return self.on_entity(id, |entity, notices| entity.wake(notices));
+            }
+            EndpointEvent::LivelinessLost(writer) => (writer, StatusEvent::LivelinessLost),
+            EndpointEvent::SampleLost {
+                reader,
+                writer,
+                count,
+            } => (reader, StatusEvent::SampleLost { count, writer }),
+            EndpointEvent::SampleRejected {
+                reader,
+                writer,
+                instance,
+                reason,
+            } => (
+                reader,
+                StatusEvent::SampleRejected {
+                    reason,
+                    instance,
+                    writer,
+                },
+            ),
+            EndpointEvent::DeadlineMissed { reader, instance } => {
+                (reader, StatusEvent::DeadlineMissed { instance })
+            }
+            EndpointEvent::LivelinessChanged {
+                reader,
+                writer,
+                alive_count,
+                alive_change,
+                not_alive_count,
+                not_alive_change,
+            } => (
+                reader,
+                StatusEvent::LivelinessChanged {
+                    alive: alive_count,
+                    alive_change,
+                    not_alive: not_alive_count,
+                    not_alive_change,
+                    writer,
+                },
+            ),
+        };
+        self.on_entity(id, |entity, notices| entity.report(event, notices));
+    }
+
+    fn report_incompatible(&mut self, local: EntityId, remote: Guid, policy: PolicyId) {
+        let is_writer = local.is_writer();
+        self.on_entity(local, |entity, notices| {
+            let topic = &entity.topic;
+            let event = if is_writer {
+                tracing::warn!(
+                    "writer of {topic:?} does not match reader {remote}: it requests more than is offered, {policy:?}"
+                );
+                StatusEvent::OfferedIncompatibleQos { policy, reader: remote }
+            } else {
+                tracing::warn!(
+                    "reader of {topic:?} does not match writer {remote}: it offers less than is requested, {policy:?}"
+                );
+                StatusEvent::RequestedIncompatibleQos { policy, writer: remote }
+            };
+            entity.report(event, notices);
+        });
+    }
+
+    fn report_inconsistent(&mut self, local: EntityId, remote: Guid) {
+        self.on_entity(local, |entity, notices| {
+            let topic = &entity.topic;
+            tracing::warn!("topic {topic:?} has another type at {remote}: the two do not match");
+            entity.report(StatusEvent::InconsistentTopic { remote }, notices);
+        });
+    }
+
+    /// Whatever happens to an entity, somebody may wait for it.
+    fn on_entity(&mut self, id: EntityId, act: impl FnOnce(&mut Entity, &mut Vec<Notice>)) {
+        self.seat.news = true;
+        if let Some(entity) = self.entities.get_mut(&id) {
+            act(entity, &mut self.notices);
+        }
+    }
+}

@@ -1,0 +1,86 @@
+//! Who drives at the moment.
+
+use std::time::{Duration, Instant};
+
+/// A timer may be late by this much when the thread in the seat sleeps: writing in a steady rhythm then never has to
+/// wake it, because it looks that often by itself while there is writing.
+pub(super) const SLACK: Duration = Duration::from_millis(10);
+/// For how long after a write the thread in the seat looks so often.
+pub(super) const WRITING: Duration = Duration::from_millis(100);
+
+/// Who has the seat.
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+pub(super) enum Holder {
+    /// Nobody.
+    #[default]
+    Nobody,
+    /// A thread that waits for something.
+    Foreground,
+    /// The background thread.
+    Background,
+}
+
+/// The state of driving, under the core's lock.
+#[derive(Debug, Default)]
+pub(crate) struct Seat {
+    pub(super) holder: Holder,
+    /// Since when a foreground thread has held it.
+    pub(super) since: Option<Instant>,
+    /// How many waits there have been.
+    pub(super) waits: u64,
+    /// Until when the holder sleeps at the latest, while it sleeps.
+    pub(super) sleeps_until: Option<Sleep>,
+    /// Threads that wait for the holder to find something for them.
+    pub(super) followers: usize,
+    /// Something happened that a follower may wait for.
+    pub(super) news: bool,
+    /// A task waits: the background thread is to take the free seat at once.
+    pub(super) is_wanted: bool,
+    /// The background thread rests without a timeout.
+    pub(super) background_rests: bool,
+    /// The caller drives from an event loop of its own.
+    pub(super) is_external: bool,
+    /// For when the caller's timer is set.
+    pub(super) timer: Option<Instant>,
+    /// The participant is gone.
+    pub(super) is_closed: bool,
+}
+
+/// The end of a sleep.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub(super) enum Sleep {
+    /// At a time.
+    Until(Instant),
+    /// Only when something arrives.
+    Open,
+}
+
+impl Seat {
+    /// Whether the holder would sleep through a deadline.
+    pub(super) fn sleeps_beyond(&self, deadline: Option<Instant>) -> bool {
+        match (self.sleeps_until, deadline) {
+            (None, _) | (_, None) => false,
+            (Some(Sleep::Open), Some(_)) => true,
+            (Some(Sleep::Until(end)), Some(deadline)) => end > deadline + SLACK,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_sleep_that_is_much_too_long_is_interrupted() {
+        let now = Instant::now();
+        let mut seat = Seat::default();
+        assert!(!seat.sleeps_beyond(Some(now)), "nobody sleeps");
+        seat.sleeps_until = Some(Sleep::Open);
+        assert!(seat.sleeps_beyond(Some(now)));
+        assert!(!seat.sleeps_beyond(None));
+        seat.sleeps_until = Some(Sleep::Until(now + SLACK));
+        assert!(!seat.sleeps_beyond(Some(now)));
+        seat.sleeps_until = Some(Sleep::Until(now + SLACK * 2));
+        assert!(seat.sleeps_beyond(Some(now)));
+    }
+}

@@ -1,0 +1,85 @@
+//! Errors, one enum per operation; each says what can be done about it.
+
+use rtps_user::writer;
+use thiserror::Error;
+
+pub use crate::link::OpenError;
+pub use crate::link::in_process::InProcessError;
+pub use crate::link::kernel::AttachError;
+
+use crate::cdr::EncodeError;
+
+/// Why a topic, writer or reader could not be created.
+#[derive(Clone, Debug, Eq, Error, PartialEq)]
+#[non_exhaustive]
+pub enum CreateError {
+    /// Names are 1 to 255 bytes without NUL.
+    #[error("{0:?} is no name for a topic or type: it needs 1 to 255 bytes and no NUL")]
+    InvalidName(String),
+    /// KEEP_LAST of nothing.
+    #[error("the history depth is 0: keep at least the last sample")]
+    NoHistory,
+    /// RESOURCE_LIMITS leave no room for what HISTORY wants kept.
+    #[error(
+        "KEEP_LAST {depth} needs room for as many samples per instance, but RESOURCE_LIMITS allow {limit}"
+    )]
+    InconsistentLimits {
+        /// Of HISTORY.
+        depth: u32,
+        /// Of RESOURCE_LIMITS.
+        limit: u32,
+    },
+    /// Entity ids have 16 bits for an app's endpoints.
+    #[error("the participant has 65,535 endpoints already: drop some")]
+    TooManyEndpoints,
+    /// Nothing but CDR is written.
+    #[error("the XML data representation is not supported: choose xcdr1() or xcdr2()")]
+    UnsupportedRepresentation,
+}
+
+/// Why a sample was not written.
+#[derive(Clone, Debug, Eq, Error, PartialEq)]
+#[non_exhaustive]
+pub enum WriteError {
+    /// The value is not what its type can carry.
+    #[error("the sample cannot be serialized: {0}")]
+    Encode(#[from] EncodeError),
+    /// A reliable reader did not keep up.
+    #[error(
+        "the history stayed full for max_blocking_time because a reliable reader does not acknowledge: \
+         write more slowly, or allow a longer max_blocking_time or a larger history"
+    )]
+    Timeout,
+    /// RESOURCE_LIMITS, or a sample beyond what RTPS can carry.
+    #[error(transparent)]
+    Refused(writer::WriteError),
+    /// A payload begins with its 4-byte encapsulation header.
+    #[error("a raw payload of {0} bytes has no encapsulation header (RTPS 2.5 section 10.2)")]
+    NoEncapsulation(usize),
+    /// Only topics with keys have instances to dispose or unregister.
+    #[error("the topic has no key, so there is no instance to dispose or unregister")]
+    NoKey,
+    /// The layer has gone for good.
+    #[error("the writer's participant is closed")]
+    Closed,
+}
+
+/// A wait ended without what was waited for.
+#[derive(Clone, Copy, Debug, Eq, Error, PartialEq)]
+#[non_exhaustive]
+pub enum WaitError {
+    /// Fewer endpoints than wanted.
+    #[error(
+        "only {matched} of {wanted} endpoints matched in time: compare topic, type, partition and domain, and \
+         look for incompatible-QoS events"
+    )]
+    TooFewMatched {
+        /// Wanted.
+        wanted: usize,
+        /// There.
+        matched: usize,
+    },
+    /// Samples are under way, or a reader has stopped.
+    #[error("a reliable reader has not acknowledged everything in time")]
+    Unacknowledged,
+}

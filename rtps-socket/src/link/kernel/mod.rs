@@ -1,0 +1,210 @@
+//! The kernel layer's link: an own ring that BPF programs fill, an own UDP socket that sends and is the doorbell,
+//! and the Unix socket to rtpsd, which may come and go without a sample lost.
+
+mod control;
+mod doorbell;
+mod record;
+
+use std::io;
+use std::net::UdpSocket;
+use std::os::fd::{AsFd, OwnedFd};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+use rtps_user::Transmit;
+use rtps_user::layer::protocol::{
+    FromLayer, Hello, LAYER_PROTOCOL_VERSION, Resume, ToLayer, Welcome,
+};
+use thiserror::Error;
+
+use self::control::{Control, ControlEvent};
+use self::doorbell::Doorbell;
+use super::{FIRST, Identity, LayerKind, Link, Settings, Sink, log_send_error};
+use crate::sys::{Bell, Epoll, Interest, RingConsumer, Wakeups};
+
+const CONTROL: u8 = FIRST;
+const DOORBELL: u8 = FIRST + 1;
+const RING: u8 = FIRST + 2;
+
+/// Records that one call takes out of the ring: bounds how long timers wait in a flood.
+const RECORDS_AT_ONCE: usize = 64;
+
+/// Why the kernel layer could not be used.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum AttachError {
+    /// No rtpsd.
+    #[error("rtpsd does not listen on {}: {error} (`cargo xtask load` starts it)", path.display())]
+    NotRunning {
+        /// The socket's path; the variable `RTPS_LAYER_SOCKET` overrides it.
+        path: PathBuf,
+        /// What connecting said.
+        error: io::Error,
+    },
+    /// There is an rtpsd, but it does not answer.
+    #[error("rtpsd on {} does not answer: is it stopped?", .0.display())]
+    NoAnswer(PathBuf),
+    /// rtpsd says why.
+    #[error("rtpsd refuses: {0}")]
+    Refused(String),
+    /// What came is no welcome.
+    #[error(
+        "rtpsd does not speak this version of the layer protocol: install the same version of both"
+    )]
+    Protocol,
+    /// What rtpsd passed cannot be used, or sockets cannot be opened.
+    #[error("the ring cannot be set up: {0}")]
+    System(#[from] io::Error),
+}
+
+/// A slot of the host's low-level layer.
+#[derive(Debug)]
+pub(crate) struct KernelLink {
+    identity: Identity,
+    ring: RingConsumer,
+    bell: Bell,
+    doorbell: Doorbell,
+    control: Control,
+    epoll: Arc<Epoll>,
+}
+
+impl KernelLink {
+    /// Takes a slot of the layer.
+    pub(super) fn attach(settings: &Settings, epoll: &Arc<Epoll>) -> Result<Self, AttachError> {
+        let socket = UdpSocket::bind("0.0.0.0:0")?;
+        let hello = Hello {
+            version: LAYER_PROTOCOL_VERSION,
+            domain: settings.domain,
+            name: settings.name.clone(),
+            doorbell_port: socket.local_addr()?.port(),
+            ring_bytes: settings.ring_bytes,
+            resume: None,
+        };
+        let (mut control, welcome, fds) = Control::connect(control::socket_path()?, hello, epoll)?;
+        let (ring, bell) = map(fds)?;
+        epoll.add(ring.as_fd(), RING, Interest::Level)?;
+        epoll.add(socket.as_fd(), DOORBELL, Interest::Edge)?;
+        control.set_resume(Resume {
+            slot: welcome.slot,
+            token: welcome.token,
+        });
+        Ok(Self {
+            identity: identity(&welcome),
+            ring,
+            bell,
+            doorbell: Doorbell::new(socket),
+            control,
+            epoll: Arc::clone(epoll),
+        })
+    }
+
+    /// The layer's process was restarted and knows the app again.
+    fn resume(&mut self, welcome: &Welcome, fds: Vec<OwnedFd>) -> Result<(), AttachError> {
+        if identity(welcome).slot != self.identity.slot || welcome.prefix != self.identity.prefix {
+            let what =
+                "the layer was set up anew and this app's endpoints are unknown: restart the app";
+            return Err(AttachError::Refused(what.to_owned()));
+        }
+        // The same ring, unless the layer was set up anew; its positions are part of what is mapped.
+        let (ring, bell) = map(fds)?;
+        self.epoll.add(ring.as_fd(), RING, Interest::Level)?;
+        (self.ring, self.bell) = (ring, bell);
+        Ok(())
+    }
+
+    fn handle_control(&mut self, now: Instant, event: ControlEvent) {
+        match event {
+            ControlEvent::Welcome(welcome, fds) => match self.resume(&welcome, fds) {
+                Ok(()) => self.control.attached(now),
+                Err(error) => self.control.give_up(now, &error.to_string()),
+            },
+            ControlEvent::Lost(why) => {
+                tracing::warn!(
+                    "rtpsd is gone ({why}): data keep flowing, matching waits for its return"
+                );
+            }
+        }
+    }
+}
+
+impl Link for KernelLink {
+    fn kind(&self) -> LayerKind {
+        LayerKind::Kernel
+    }
+
+    fn identity(&self) -> Identity {
+        self.identity
+    }
+
+    fn request(&mut self, now: Instant, request: ToLayer) {
+        self.control.request(now, request);
+    }
+
+    fn poll_message(&mut self) -> Option<FromLayer> {
+        self.control.poll_message()
+    }
+
+    fn send(&mut self, transmit: &Transmit, datagram: &[u8]) {
+        // The socket is an IPv4 one.
+        for destination in transmit.destinations.iter().filter(|to| to.is_ipv4()) {
+            if let Err(error) = self.doorbell.socket().send_to(datagram, destination) {
+                log_send_error(*destination, datagram.len(), &error);
+            }
+        }
+    }
+
+    fn receive(&mut self, now: Instant, wakeups: Wakeups, sink: &mut Sink<'_>) {
+        if wakeups.contains(DOORBELL) {
+            self.doorbell.rang();
+        }
+        self.ring
+            .drain(RECORDS_AT_ONCE, |record| match record::parse(record) {
+                Some((source, message)) => sink(source, message),
+                None => tracing::warn!(len = record.len(), "a record of the ring is malformed"),
+            });
+        if wakeups.contains(CONTROL)
+            && let Some(event) = self.control.receive(now)
+        {
+            self.handle_control(now, event);
+        }
+    }
+
+    fn prepare_sleep(&mut self) -> bool {
+        self.bell.arm();
+        let quiet = !self.ring.has_record();
+        if !quiet {
+            self.bell.disarm();
+        }
+        quiet
+    }
+
+    fn awake(&mut self) {
+        self.bell.disarm();
+    }
+
+    fn poll_timeout(&self) -> Option<Instant> {
+        self.control.poll_timeout()
+    }
+
+    fn handle_timeout(&mut self, now: Instant) {
+        self.control.handle_timeout(now);
+    }
+
+    /// Closing the socket says it all: rtpsd withdraws the endpoints of whoever is gone.
+    fn shutdown(&mut self, _now: Instant) {}
+}
+
+fn identity(welcome: &Welcome) -> Identity {
+    Identity {
+        slot: welcome.slot,
+        prefix: welcome.prefix,
+        datagram_size: welcome.datagram_size,
+    }
+}
+
+/// Maps ring and bell, which come in this order.
+fn map(fds: Vec<OwnedFd>) -> Result<(RingConsumer, Bell), AttachError> {
+    let [ring, bell] = <[OwnedFd; 2]>::try_from(fds).map_err(|_| AttachError::Protocol)?;
+    Ok((RingConsumer::map(ring)?, Bell::map(bell.as_fd())?))
+}

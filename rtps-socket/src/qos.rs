@@ -1,0 +1,277 @@
+//! Quality of service for writers and readers: presets and builder methods over [`policies`].
+//!
+//! What is not set has the default of DDS 1.4 section 2.2.3: KEEP_LAST 1, VOLATILE, writers RELIABLE, readers
+//! BEST_EFFORT.
+
+use std::time::Duration;
+
+/// The policies themselves.
+pub use rtps_user::qos as policies;
+use rtps_user::qos::{
+    DataRepresentation, Deadline, LatencyBudget, Lifespan, Liveliness, Ownership, Partition,
+    Presentation, ResourceLimits,
+};
+pub use rtps_user::qos::{
+    DestinationOrder, Durability, History, LivelinessKind, PolicyId, PresentationScope, Reliability,
+};
+use rtps_user::wire;
+
+/// The policies of a writer or reader.
+///
+/// ```
+/// use rtps_socket::Qos;
+///
+/// let state = Qos::reliable().transient_local().keep_last(10);
+/// let stream = Qos::best_effort();
+/// ```
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Qos {
+    reliability: Option<Reliability>,
+    policies: policies::Qos,
+}
+
+impl Qos {
+    /// Lost samples are repeated.
+    pub fn reliable() -> Self {
+        Self {
+            reliability: Some(Reliability::RELIABLE),
+            ..Self::default()
+        }
+    }
+
+    /// Lost samples stay lost.
+    pub fn best_effort() -> Self {
+        Self {
+            reliability: Some(Reliability::BestEffort),
+            ..Self::default()
+        }
+    }
+
+    /// How long a reliable write may wait for room in the history; the default is 100 ms.
+    #[must_use]
+    pub fn max_blocking_time(mut self, time: Duration) -> Self {
+        self.reliability = Some(Reliability::Reliable {
+            max_blocking_time: wire::Duration::from_std(time),
+        });
+        self
+    }
+
+    /// HISTORY: keeps the newest `depth` samples of each instance.
+    #[must_use]
+    pub fn keep_last(mut self, depth: u32) -> Self {
+        self.policies.history = History::KeepLast(depth);
+        self
+    }
+
+    /// HISTORY: keeps every sample, within the resource limits; a full history holds the writer up.
+    #[must_use]
+    pub fn keep_all(mut self) -> Self {
+        self.policies.history = History::KeepAll;
+        self
+    }
+
+    /// RESOURCE_LIMITS: samples in all, instances, samples of each instance; `None` is unlimited.
+    #[must_use]
+    pub fn resource_limits(
+        mut self,
+        samples: Option<u32>,
+        instances: Option<u32>,
+        samples_per_instance: Option<u32>,
+    ) -> Self {
+        self.policies.resource_limits = ResourceLimits {
+            max_samples: samples,
+            max_instances: instances,
+            max_samples_per_instance: samples_per_instance,
+        };
+        self
+    }
+
+    /// DURABILITY: readers that join late get what the writer's history has.
+    #[must_use]
+    pub fn transient_local(mut self) -> Self {
+        self.policies.durability = Durability::TransientLocal;
+        self
+    }
+
+    /// DEADLINE: the longest time between two samples of an instance.
+    #[must_use]
+    pub fn deadline(mut self, period: Duration) -> Self {
+        self.policies.deadline = Deadline(wire::Duration::from_std(period));
+        self
+    }
+
+    /// LATENCY_BUDGET.
+    #[must_use]
+    pub fn latency_budget(mut self, budget: Duration) -> Self {
+        self.policies.latency_budget = LatencyBudget(wire::Duration::from_std(budget));
+        self
+    }
+
+    /// LIVELINESS: who asserts that a writer is alive, and how long that holds.
+    #[must_use]
+    pub fn liveliness(mut self, kind: LivelinessKind, lease: Duration) -> Self {
+        let lease = wire::Duration::from_std(lease);
+        self.policies.liveliness = Liveliness { kind, lease };
+        self
+    }
+
+    /// OWNERSHIP: only the strongest writer of an instance counts. Readers' strength has no meaning.
+    #[must_use]
+    pub fn exclusive_ownership(mut self, strength: i32) -> Self {
+        self.policies.ownership = Ownership::Exclusive { strength };
+        self
+    }
+
+    /// DESTINATION_ORDER.
+    #[must_use]
+    pub fn destination_order(mut self, order: DestinationOrder) -> Self {
+        self.policies.destination_order = order;
+        self
+    }
+
+    /// LIFESPAN: how long a sample is worth something.
+    #[must_use]
+    pub fn lifespan(mut self, lifespan: Duration) -> Self {
+        self.policies.lifespan = Lifespan(wire::Duration::from_std(lifespan));
+        self
+    }
+
+    /// DATA_REPRESENTATION: a writer writes XCDR version 1, which is the default; a reader reads nothing else.
+    #[must_use]
+    pub fn xcdr1(mut self) -> Self {
+        self.policies.representation = vec![DataRepresentation::Xcdr1];
+        self
+    }
+
+    /// DATA_REPRESENTATION: a writer writes XCDR version 2; a reader reads nothing else.
+    #[must_use]
+    pub fn xcdr2(mut self) -> Self {
+        self.policies.representation = vec![DataRepresentation::Xcdr2];
+        self
+    }
+
+    /// PARTITION: only endpoints with a partition in common match; `*`, `?` and `[...]` are wildcards.
+    #[must_use]
+    pub fn partition<S: Into<String>>(mut self, names: impl IntoIterator<Item = S>) -> Self {
+        self.policies.partition = Partition(names.into_iter().map(Into::into).collect());
+        self
+    }
+
+    /// PRESENTATION: what coherent and ordered access span.
+    #[must_use]
+    pub fn presentation(mut self, scope: PresentationScope, coherent: bool, ordered: bool) -> Self {
+        self.policies.presentation = Presentation {
+            scope,
+            coherent,
+            ordered,
+        };
+        self
+    }
+
+    /// USER_DATA: bytes that others see in the endpoint's announcement.
+    #[must_use]
+    pub fn user_data(mut self, data: impl Into<Vec<u8>>) -> Self {
+        self.policies.user_data = data.into();
+        self
+    }
+
+    /// GROUP_DATA: bytes that others see in the announcements of the publisher's or subscriber's endpoints.
+    #[must_use]
+    pub fn group_data(mut self, data: impl Into<Vec<u8>>) -> Self {
+        self.policies.group_data = data.into();
+        self
+    }
+
+    /// TOPIC_DATA: bytes that others see in the announcements of the topic's endpoints.
+    #[must_use]
+    pub fn topic_data(mut self, data: impl Into<Vec<u8>>) -> Self {
+        self.policies.topic_data = data.into();
+        self
+    }
+
+    /// Any other policies, RELIABILITY included.
+    #[must_use]
+    pub fn with(mut self, change: impl FnOnce(&mut policies::Qos)) -> Self {
+        self.policies.reliability = self.reliability.unwrap_or_default();
+        let before = self.policies.reliability;
+        change(&mut self.policies);
+        if self.policies.reliability != before {
+            self.reliability = Some(self.policies.reliability);
+        }
+        self
+    }
+
+    /// What a publisher or subscriber says for its endpoints, where this one says nothing itself.
+    #[must_use]
+    pub(crate) fn in_group(mut self, group: &Self) -> Self {
+        let (own, group) = (&mut self.policies, &group.policies);
+        if own.partition == Partition::default() {
+            own.partition.clone_from(&group.partition);
+        }
+        if own.presentation == Presentation::default() {
+            own.presentation = group.presentation;
+        }
+        if own.group_data.is_empty() {
+            own.group_data.clone_from(&group.group_data);
+        }
+        self
+    }
+
+    /// The policies of a writer.
+    pub(crate) fn into_writer(self) -> policies::Qos {
+        let mut policies = self.policies;
+        policies.reliability = self.reliability.unwrap_or(Reliability::RELIABLE);
+        policies
+    }
+
+    /// The policies of a reader. It reads both representations unless told otherwise.
+    pub(crate) fn into_reader(self) -> policies::Qos {
+        let mut policies = self.policies;
+        policies.reliability = self.reliability.unwrap_or(Reliability::BestEffort);
+        if policies.representation.is_empty() {
+            policies.representation = vec![DataRepresentation::Xcdr1, DataRepresentation::Xcdr2];
+        }
+        policies
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn defaults_of_the_standard() {
+        let (writer, reader) = (Qos::default().into_writer(), Qos::default().into_reader());
+        assert_eq!(writer.reliability, Reliability::RELIABLE);
+        assert_eq!(reader.reliability, Reliability::BestEffort);
+        assert_eq!(writer.history, History::KeepLast(1));
+        assert!(writer.representation.is_empty());
+        assert_eq!(reader.representation.len(), 2);
+    }
+
+    #[test]
+    fn what_is_set_stays() {
+        let qos = Qos::best_effort().keep_all().transient_local().xcdr2();
+        let qos = qos
+            .with(|policies| policies.transport_priority = 3)
+            .into_writer();
+        assert_eq!(qos.reliability, Reliability::BestEffort);
+        assert_eq!(qos.history, History::KeepAll);
+        assert_eq!(qos.durability, Durability::TransientLocal);
+        assert_eq!(qos.representation, [DataRepresentation::Xcdr2]);
+        assert_eq!(qos.transport_priority, 3);
+    }
+
+    #[test]
+    fn a_group_speaks_for_endpoints_that_say_nothing() {
+        let group = Qos::default().partition(["a", "b"]).group_data(*b"g");
+        let silent = Qos::default().in_group(&group).into_reader();
+        assert_eq!(silent.partition.0, ["a", "b"]);
+        assert_eq!(silent.group_data, b"g");
+        let own = Qos::default()
+            .partition(["own"])
+            .in_group(&group)
+            .into_reader();
+        assert_eq!(own.partition.0, ["own"]);
+    }
+}

@@ -1,0 +1,77 @@
+//! The choices that a participant is opened with.
+
+use std::marker::PhantomData;
+use std::net::SocketAddr;
+use std::sync::Arc;
+
+use super::RtpsSocket;
+use crate::driver::Driver;
+use crate::error::OpenError;
+use crate::link::{LayerChoice, Settings};
+
+/// The ring that an app asks the kernel layer for, in bytes: some 15,000 small messages.
+const RING_BYTES: u32 = 4 << 20;
+
+/// Opens an [`RtpsSocket`] or a [`DomainParticipant`](crate::DomainParticipant).
+#[derive(Clone, Debug)]
+#[must_use = "nothing is opened before `open`"]
+pub struct Builder<P> {
+    settings: Settings,
+    opened: PhantomData<P>,
+}
+
+impl<P: From<RtpsSocket>> Builder<P> {
+    pub(crate) fn new() -> Self {
+        let program = std::env::current_exe().ok();
+        let name = program.as_ref().and_then(|path| path.file_name());
+        Self {
+            settings: Settings {
+                domain: 0,
+                name: name.map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
+                layer: LayerChoice::Automatic,
+                ring_bytes: RING_BYTES,
+                peers: Vec::new(),
+            },
+            opened: PhantomData,
+        }
+    }
+
+    /// The DDS domain, 0 to 232; 0 unless set.
+    pub fn domain(mut self, domain: u32) -> Self {
+        self.settings.domain = domain;
+        self
+    }
+
+    /// The app's name, for people who look at the domain; the program's unless set.
+    pub fn name(mut self, name: impl Into<String>) -> Self {
+        self.settings.name = name.into();
+        self
+    }
+
+    /// Which layer to use.
+    pub fn layer(mut self, layer: LayerChoice) -> Self {
+        self.settings.layer = layer;
+        self
+    }
+
+    /// How many bytes of messages may wait for the app in the kernel layer; 4 MiB unless set.
+    pub fn ring_bytes(mut self, bytes: u32) -> Self {
+        self.settings.ring_bytes = bytes;
+        self
+    }
+
+    /// Announces the in-process layer to this address too: a host that multicast does not reach.
+    pub fn peer(mut self, address: SocketAddr) -> Self {
+        self.settings.peers.push(address);
+        self
+    }
+
+    /// Joins the domain.
+    ///
+    /// # Errors
+    /// When the chosen layer cannot be used; the error says what to do.
+    pub fn open(self) -> Result<P, OpenError> {
+        let driver = Arc::new(Driver::open(&self.settings)?);
+        Ok(RtpsSocket { driver }.into())
+    }
+}

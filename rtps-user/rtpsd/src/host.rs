@@ -1,0 +1,370 @@
+//! The host as one participant in each of its domains: the kernel's maps, the domains, and the slots of apps.
+//!
+//! Everything that happens goes in here by a method; what is to be told to apps is collected and fetched with
+//! [`Host::take_replies`].
+
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+use anyhow::Result;
+use rtps_ebpf::SlotSet;
+use rtps_ebpf::abi::{APP_ATTACHED, App};
+use rtps_user::layer::protocol::{FromLayer, Hello, LAYER_PROTOCOL_VERSION, ToLayer, Welcome};
+use tracing::{debug, error, info, warn};
+
+use crate::domain::{DomainHost, Effects};
+use crate::interfaces::{self, Interface};
+use crate::kernel_maps::{Inbox, KernelMaps};
+use crate::loader::{Loader, WantedMode};
+use crate::random;
+
+/// How long the slots of apps outlive a killed rtpsd that has been started again.
+pub(crate) const RESUME_GRACE: Duration = Duration::from_secs(5);
+
+/// The size of a ring when the app does not say, and the least that holds a few of the largest messages; in bytes.
+const DEFAULT_RING: u32 = 1 << 20;
+const SMALLEST_RING: u32 = 1 << 18;
+
+/// The longest name of an app, in bytes.
+const MAX_NAME: usize = 256;
+
+/// An attached app.
+#[derive(Clone, Debug)]
+pub(crate) struct Seat {
+    pub(crate) slot: u8,
+    pub(crate) domain: u32,
+    pub(crate) name: String,
+    pub(crate) doorbell_port: u16,
+}
+
+/// What an app gets when it is taken.
+pub(crate) struct Admission {
+    pub(crate) seat: Seat,
+    pub(crate) welcome: Welcome,
+    /// `None` for an app that came back and still has it.
+    pub(crate) inbox: Option<Inbox>,
+}
+
+/// A slot whose app has not come back since rtpsd was started again.
+struct Awaited {
+    domain_index: u32,
+    until: Instant,
+}
+
+/// See the module.
+pub(crate) struct Host {
+    pub(crate) interfaces: Vec<Interface>,
+    pub(crate) kernel: KernelMaps,
+    pub(crate) domains: Vec<DomainHost>,
+    occupied: SlotSet,
+    awaited: BTreeMap<u8, Awaited>,
+    replies: Vec<(u8, FromLayer)>,
+    max_ring: u32,
+}
+
+impl Host {
+    /// Takes over the slots that the kernel still delivers to; those of domains that are no longer served, and
+    /// those of apps that do not come back in time, are freed.
+    pub(crate) fn new(
+        interfaces: Vec<Interface>,
+        kernel: KernelMaps,
+        domains: Vec<DomainHost>,
+        max_ring: u32,
+        now: Instant,
+    ) -> Result<Self> {
+        let mut host = Self {
+            interfaces,
+            kernel,
+            domains,
+            occupied: SlotSet::EMPTY,
+            awaited: BTreeMap::new(),
+            replies: Vec::new(),
+            max_ring,
+        };
+        for (slot, app) in host.kernel.attached_apps()? {
+            let awaited = Awaited {
+                domain_index: app.domain_index,
+                until: now + RESUME_GRACE,
+            };
+            host.occupied.insert(slot);
+            host.awaited.insert(slot, awaited);
+        }
+        if !host.awaited.is_empty() {
+            info!(slots = host.awaited.len(), "waiting for apps to come back");
+        }
+        host.drain_all(now);
+        Ok(host)
+    }
+
+    /// Takes an app, or says in a sentence why not.
+    pub(crate) fn attach(&mut self, now: Instant, hello: &Hello) -> Result<Admission, String> {
+        self.check(hello)?;
+        let position = self.position(hello.domain)?;
+        let token = random::token().map_err(|error| format!("{error:#}"))?;
+        let mut taken = self.occupied;
+        if let Some(resume) = hello.resume
+            && self.awaited.contains_key(&resume.slot)
+        {
+            taken.remove(resume.slot);
+        }
+        let domain = self
+            .domains
+            .get_mut(position)
+            .ok_or_else(|| "the domain is gone".to_owned())?;
+        let welcome = domain.attach(now, hello, token, |slot| taken.contains(slot))?;
+        let seat = Seat {
+            slot: welcome.slot,
+            domain: hello.domain,
+            name: hello.name.clone(),
+            doorbell_port: hello.doorbell_port,
+        };
+        let domain_index = domain.identity.domain_index;
+        match self.open_inbox(&seat, domain_index, hello) {
+            Ok(inbox) => {
+                self.occupied.insert(seat.slot);
+                self.drain_all(now);
+                Ok(Admission {
+                    seat,
+                    welcome,
+                    inbox,
+                })
+            }
+            Err(error) => {
+                self.detach(now, &seat);
+                Err(format!("rtpsd cannot make the app's ring: {error:#}"))
+            }
+        }
+    }
+
+    fn check(&self, hello: &Hello) -> Result<(), String> {
+        if hello.version != LAYER_PROTOCOL_VERSION {
+            return Err(format!(
+                "the app speaks version {} of the layer protocol and rtpsd version {LAYER_PROTOCOL_VERSION}; \
+                 build both from the same source",
+                hello.version
+            ));
+        }
+        if hello.name.len() > MAX_NAME {
+            return Err(format!("the app's name is longer than {MAX_NAME} bytes"));
+        }
+        Ok(())
+    }
+
+    fn position(&self, domain: u32) -> Result<usize, String> {
+        self.domains
+            .iter()
+            .position(|served| served.id == domain)
+            .ok_or_else(|| {
+                format!(
+                    "the kernel layer does not serve domain {domain}; load it with `--domain {domain}`"
+                )
+            })
+    }
+
+    /// The ring and bell of a new app; `None` for one that still has them.
+    fn open_inbox(
+        &mut self,
+        seat: &Seat,
+        domain_index: u32,
+        hello: &Hello,
+    ) -> Result<Option<Inbox>> {
+        let app = App {
+            state: APP_ATTACHED,
+            domain_index,
+            doorbell_port: seat.doorbell_port.into(),
+            reserved: 0,
+        };
+        let returned = hello.resume.is_some_and(|resume| resume.slot == seat.slot)
+            && self.awaited.remove(&seat.slot).is_some();
+        if returned {
+            self.kernel.update_app(seat.slot, app)?;
+            return Ok(None);
+        }
+        let size = ring_size(hello.ring_bytes, self.max_ring);
+        Ok(Some(self.kernel.attach_app(seat.slot, app, size)?))
+    }
+
+    /// Does what an attached app asks for.
+    pub(crate) fn request(&mut self, now: Instant, seat: &Seat, request: ToLayer) {
+        if let Some(domain) = self.domain_mut(seat.domain) {
+            domain.layer.handle_request(now, seat.slot, request);
+        }
+        self.drain_all(now);
+    }
+
+    /// The app is gone.
+    pub(crate) fn detach(&mut self, now: Instant, seat: &Seat) {
+        self.free_slot(seat.slot);
+        if let Some(domain) = self.domain_mut(seat.domain) {
+            domain.layer.detach(now, seat.slot);
+        }
+        self.drain_all(now);
+    }
+
+    fn free_slot(&mut self, slot: u8) {
+        self.occupied.remove(slot);
+        self.awaited.remove(&slot);
+        if let Err(error) = self.kernel.detach_app(slot) {
+            warn!(slot, "{error:#}");
+        }
+    }
+
+    /// Reads from one of a domain's sockets.
+    pub(crate) fn receive(
+        &mut self,
+        now: Instant,
+        position: usize,
+        socket: usize,
+        buffer: &mut [u8],
+    ) {
+        let mut effects = Effects {
+            kernel: &mut self.kernel,
+            interfaces: &self.interfaces,
+            replies: &mut self.replies,
+        };
+        if let Some(domain) = self.domains.get_mut(position) {
+            domain.receive(now, socket, buffer, &mut effects);
+        }
+    }
+
+    /// When [`handle_timeouts`](Self::handle_timeouts) is due.
+    pub(crate) fn next_timeout(&self) -> Option<Instant> {
+        let awaited = self.awaited.values().map(|awaited| awaited.until);
+        let domains = self.domains.iter().filter_map(DomainHost::next_timeout);
+        domains.chain(awaited).min()
+    }
+
+    /// Does what is due.
+    pub(crate) fn handle_timeouts(&mut self, now: Instant) {
+        let mut effects = Effects {
+            kernel: &mut self.kernel,
+            interfaces: &self.interfaces,
+            replies: &mut self.replies,
+        };
+        for domain in &mut self.domains {
+            if domain.next_timeout().is_some_and(|due| due <= now) {
+                domain.handle_timeout(now, &mut effects);
+            }
+        }
+        self.free_overdue_slots(now);
+    }
+
+    fn free_overdue_slots(&mut self, now: Instant) {
+        let overdue: Vec<(u8, u32)> = self
+            .awaited
+            .iter()
+            .filter(|(_, awaited)| awaited.until <= now)
+            .map(|(slot, awaited)| (*slot, awaited.domain_index))
+            .collect();
+        for (slot, domain_index) in overdue {
+            info!(slot, "the app did not come back");
+            self.free_slot(slot);
+            let mut domains = self.domains.iter_mut();
+            if let Some(domain) = domains.find(|d| d.identity.domain_index == domain_index) {
+                domain.layer.detach(now, slot);
+            }
+            self.drain_all(now);
+        }
+    }
+
+    /// Addresses or interfaces of this network namespace changed.
+    pub(crate) fn refresh_interfaces(&mut self, loader: &mut Loader, mode: WantedMode) {
+        let refreshed =
+            interfaces::own_addresses().and_then(|addresses| self.kernel.set_addresses(&addresses));
+        if let Err(error) = refreshed {
+            error!("{error:#}");
+        }
+        for position in 0..self.interfaces.len() {
+            if let Err(error) = self.refresh_interface(position, loader, mode) {
+                error!("{error:#}");
+            }
+        }
+    }
+
+    /// An interface that was removed and made again has another index: it starts anew.
+    fn refresh_interface(
+        &mut self,
+        position: usize,
+        loader: &mut Loader,
+        mode: WantedMode,
+    ) -> Result<()> {
+        let Some(known) = self.interfaces.get_mut(position) else {
+            return Ok(());
+        };
+        let found = match Interface::find(&known.name) {
+            Ok(found) => found,
+            Err(error) => {
+                debug!("{error:#}");
+                return Ok(());
+            }
+        };
+        let is_new = found.index != known.index;
+        *known = found.clone();
+        if !is_new {
+            return Ok(());
+        }
+        self.kernel.count_interfaces(&self.interfaces)?;
+        for domain in &self.domains {
+            domain.sockets.join(&found)?;
+        }
+        loader.detach_others(&self.interfaces)?;
+        let mode = loader.attach(&found, mode)?;
+        info!(interface = found.name, %mode, "the interface is back");
+        Ok(())
+    }
+
+    /// Leaves every domain, telling the others.
+    pub(crate) fn shutdown(&mut self, now: Instant) {
+        for domain in &mut self.domains {
+            domain.layer.shutdown(now);
+        }
+        self.drain_all(now);
+    }
+
+    /// What is to be told to the apps in these slots, in this order.
+    pub(crate) fn take_replies(&mut self) -> Vec<(u8, FromLayer)> {
+        std::mem::take(&mut self.replies)
+    }
+
+    fn domain_mut(&mut self, id: u32) -> Option<&mut DomainHost> {
+        self.domains.iter_mut().find(|domain| domain.id == id)
+    }
+
+    fn drain_all(&mut self, now: Instant) {
+        let mut effects = Effects {
+            kernel: &mut self.kernel,
+            interfaces: &self.interfaces,
+            replies: &mut self.replies,
+        };
+        for domain in &mut self.domains {
+            domain.drain(now, &mut effects);
+        }
+    }
+}
+
+/// The kernel takes powers of two that are whole pages.
+fn ring_size(wanted: u32, largest: u32) -> u32 {
+    let wanted = if wanted == 0 { DEFAULT_RING } else { wanted };
+    let largest = largest.max(SMALLEST_RING);
+    let largest_power = 1 << largest.ilog2();
+    wanted
+        .clamp(SMALLEST_RING, largest)
+        .checked_next_power_of_two()
+        .map_or(largest_power, |size| size.min(largest_power))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rings_are_powers_of_two_within_bounds() {
+        assert_eq!(ring_size(0, 64 << 20), DEFAULT_RING);
+        assert_eq!(ring_size(1, 64 << 20), SMALLEST_RING);
+        assert_eq!(ring_size((1 << 20) + 1, 64 << 20), 2 << 20);
+        assert_eq!(ring_size(u32::MAX, 64 << 20), 64 << 20);
+        assert_eq!(ring_size(u32::MAX, u32::MAX), 1 << 31);
+        assert_eq!(ring_size(3 << 20, 3 << 20), 2 << 20);
+        assert_eq!(ring_size(0, 0), SMALLEST_RING);
+    }
+}

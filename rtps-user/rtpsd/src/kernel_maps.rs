@@ -1,0 +1,315 @@
+//! The maps that rtpsd shares with the programs, by their pins; who writes which stands in `docs/abi.md`.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::io;
+use std::os::fd::{AsFd, OwnedFd};
+use std::time::Duration;
+
+use anyhow::{Context, Result};
+use aya::Pod;
+use aya::maps::{Array, ArrayOfMaps, HashMap, Map, MapData, MapError, PerCpuHashMap, PerCpuValues};
+use aya::util::nr_cpus;
+use aya_obj::generated::{BPF_F_MMAPABLE, BPF_NOEXIST};
+use nix::time::{ClockId, clock_gettime};
+use rtps_ebpf::abi::{self, App, Bell, Config, Domain, Peer, PortConfig, name};
+use rtps_ebpf::{ABI_VERSION, Counter, SlotSet};
+use rtps_user::wire::{Guid, GuidPrefix};
+
+use crate::interfaces::{Interface, LOOPBACK_INDEX};
+use crate::pins::PinFolder;
+use crate::sys;
+
+/// Counters of one interface on one CPU.
+type Counts = [u64; Counter::COUNT];
+
+/// Handles to every map of the low-level layer.
+pub(crate) struct KernelMaps {
+    config: Array<MapData, Config>,
+    domains: Array<MapData, Domain>,
+    ports: HashMap<MapData, u16, PortConfig>,
+    addresses: HashMap<MapData, [u8; 16], u32>,
+    routes: HashMap<MapData, [u8; 16], SlotSet>,
+    apps: Array<MapData, App>,
+    bells: SlotMaps,
+    rings: SlotMaps,
+    peers: HashMap<MapData, [u8; 12], Peer>,
+    counters: PerCpuHashMap<MapData, u32, Counts>,
+}
+
+/// What an attached app maps into its memory.
+pub(crate) struct Inbox {
+    pub(crate) ring: OwnedFd,
+    pub(crate) bell: OwnedFd,
+}
+
+impl KernelMaps {
+    /// Opens the pinned maps.
+    pub(crate) fn open(folder: &PinFolder) -> Result<Self> {
+        Ok(Self {
+            config: open(folder, name::CONFIG)?,
+            domains: open(folder, name::DOMAINS)?,
+            ports: open(folder, name::PORTS)?,
+            addresses: open(folder, name::ADDRESSES)?,
+            routes: open(folder, name::ROUTES)?,
+            apps: open(folder, name::APPS)?,
+            bells: SlotMaps::open(folder, name::BELLS)?,
+            rings: SlotMaps::open(folder, name::RINGS)?,
+            peers: open(folder, name::PEERS)?,
+            counters: open(folder, name::COUNTERS)?,
+        })
+    }
+
+    /// Lets the programs act; to be called when everything else is in place.
+    pub(crate) fn enable(&mut self, doorbell: u32) -> Result<()> {
+        let config = Config {
+            abi_version: ABI_VERSION,
+            doorbell,
+        };
+        self.config.set(0, config, 0).context("map `config`")
+    }
+
+    /// The kind of doorbell in force; `None` while the programs leave every packet alone.
+    pub(crate) fn doorbell(&self) -> Option<u32> {
+        let config = self.config.get(&0, 0).ok()?;
+        (config.abi_version == ABI_VERSION).then_some(config.doorbell)
+    }
+
+    /// Says which participant the host is in a domain.
+    pub(crate) fn set_domain(&mut self, index: u32, domain: Domain) -> Result<()> {
+        self.domains.set(index, domain, 0).context("map `domains`")
+    }
+
+    /// Replaces the table of ports that the layer owns.
+    pub(crate) fn set_ports(&mut self, ports: &BTreeMap<u16, PortConfig>) -> Result<()> {
+        replace(&mut self.ports, ports.iter().map(|(k, v)| (*k, *v))).context("map `ports`")
+    }
+
+    /// Replaces the table of this host's addresses.
+    pub(crate) fn set_addresses(&mut self, addresses: &BTreeSet<[u8; 16]>) -> Result<()> {
+        let entries = addresses.iter().take(abi::ADDRESSES as usize);
+        replace(&mut self.addresses, entries.map(|address| (*address, 1)))
+            .context("map `addresses`")
+    }
+
+    /// Has these interfaces and the loopback one counted on their own; others share entry 0. Counts already there
+    /// stay.
+    pub(crate) fn count_interfaces(&mut self, interfaces: &[Interface]) -> Result<()> {
+        const OTHER: u32 = 0;
+        let indices: BTreeSet<u32> = interfaces
+            .iter()
+            .map(|interface| interface.index)
+            .chain([OTHER, LOOPBACK_INDEX])
+            .collect();
+        let known: BTreeSet<u32> = self.counters.keys().collect::<Result<_, _>>()?;
+        for gone in known.difference(&indices) {
+            ignore_missing(self.counters.remove(gone))?;
+        }
+        let cpus = nr_cpus().map_err(|(_, error)| error)?;
+        for index in indices.difference(&known) {
+            let zeros = PerCpuValues::try_from(vec![[0; Counter::COUNT]; cpus])?;
+            self.counters
+                .insert(index, zeros, 0)
+                .context("map `counters`")?;
+        }
+        Ok(())
+    }
+
+    /// Counters by interface index, summed over the CPUs.
+    pub(crate) fn counters(&self) -> Result<BTreeMap<u32, Counts>> {
+        let mut sums = BTreeMap::new();
+        for entry in self.counters.iter() {
+            let (index, per_cpu) = entry.context("map `counters`")?;
+            let mut sum = [0u64; Counter::COUNT];
+            for counts in per_cpu.iter() {
+                for (total, count) in sum.iter_mut().zip(counts) {
+                    *total = total.wrapping_add(*count);
+                }
+            }
+            sums.insert(index, sum);
+        }
+        Ok(sums)
+    }
+
+    /// Sends undirected messages of `writer` to these slots; to none: forgets the writer.
+    pub(crate) fn set_route(&mut self, writer: Guid, slots: SlotSet) -> Result<()> {
+        let key = writer.to_bytes();
+        if slots.is_empty() {
+            ignore_missing(self.routes.remove(&key)).context("map `routes`")
+        } else {
+            self.routes.insert(key, slots, 0).context("map `routes`")
+        }
+    }
+
+    /// Has the traffic of a participant noted; one that already is stays as it is.
+    pub(crate) fn add_peer(&mut self, peer: GuidPrefix) -> Result<()> {
+        let now = Peer {
+            last_seen_ns: nanoseconds(monotonic_now()),
+        };
+        match self.peers.insert(peer.0, now, BPF_NOEXIST.into()) {
+            Err(MapError::SyscallError(error))
+                if error.io_error.kind() == io::ErrorKind::AlreadyExists =>
+            {
+                Ok(())
+            }
+            other => other.context("map `peers`"),
+        }
+    }
+
+    /// Forgets a participant.
+    pub(crate) fn remove_peer(&mut self, peer: GuidPrefix) -> Result<()> {
+        ignore_missing(self.peers.remove(&peer.0)).context("map `peers`")
+    }
+
+    /// How long ago the kernel saw a message of the participant; `None` when it is unknown.
+    pub(crate) fn peer_silence(&self, peer: GuidPrefix) -> Option<Duration> {
+        let seen = self.peers.get(&peer.0, 0).ok()?.last_seen_ns;
+        Some(monotonic_now().saturating_sub(Duration::from_nanos(seen)))
+    }
+
+    /// Makes ring and bell of a slot, and lets the kernel deliver to it.
+    pub(crate) fn attach_app(&mut self, slot: u8, app: App, ring_bytes: u32) -> Result<Inbox> {
+        let ring = create(RINGBUF, 0, 0, ring_bytes, 0, "rtps_ring")?;
+        let bell_size = size_of::<Bell>() as u32;
+        let bell = create(ARRAY, 4, bell_size, 1, BPF_F_MMAPABLE, "rtps_bell")?;
+        self.bells.set(slot, &bell).context("map `bells`")?;
+        self.rings.set(slot, &ring).context("map `rings`")?;
+        self.apps.set(slot.into(), app, 0).context("map `apps`")?;
+        Ok(Inbox {
+            ring: ring.fd().as_fd().try_clone_to_owned()?,
+            bell: bell.fd().as_fd().try_clone_to_owned()?,
+        })
+    }
+
+    /// Notes a changed doorbell of an attached app.
+    pub(crate) fn update_app(&mut self, slot: u8, app: App) -> Result<()> {
+        self.apps.set(slot.into(), app, 0).context("map `apps`")
+    }
+
+    /// Stops delivery to a slot and lets go of its ring and bell; they are freed when the app has closed them, too.
+    pub(crate) fn detach_app(&mut self, slot: u8) -> Result<()> {
+        self.apps
+            .set(slot.into(), App::default(), 0)
+            .context("map `apps`")?;
+        self.rings.clear(slot).context("map `rings`")?;
+        self.bells.clear(slot).context("map `bells`")
+    }
+
+    /// The slots that the kernel delivers to.
+    pub(crate) fn attached_apps(&self) -> Result<BTreeMap<u8, App>> {
+        let mut attached = BTreeMap::new();
+        for slot in 1..=u8::MAX {
+            let app = self.apps.get(&slot.into(), 0).context("map `apps`")?;
+            if app.state == abi::APP_ATTACHED {
+                attached.insert(slot, app);
+            }
+        }
+        Ok(attached)
+    }
+
+    /// The size of a slot's ring and how much of it waits to be read, in bytes.
+    pub(crate) fn ring_usage(&self, slot: u8) -> Option<(u32, u64)> {
+        let ring = self.rings.inner(slot)?;
+        let size = ring.info().ok()?.max_entries();
+        Some((size, sys::ring_fill(ring.fd().as_fd()).ok()?))
+    }
+}
+
+/// BPF_MAP_TYPE_ARRAY.
+const ARRAY: u32 = aya_obj::generated::bpf_map_type::BPF_MAP_TYPE_ARRAY as u32;
+/// BPF_MAP_TYPE_RINGBUF.
+const RINGBUF: u32 = aya_obj::generated::bpf_map_type::BPF_MAP_TYPE_RINGBUF as u32;
+
+/// An array of maps with one inner map for each slot.
+struct SlotMaps {
+    outer: Map,
+}
+
+impl SlotMaps {
+    fn open(folder: &PinFolder, name: &str) -> Result<Self> {
+        let outer = pinned(folder, name)?;
+        ArrayOfMaps::<_, MapData>::try_from(&outer).with_context(|| format!("map `{name}`"))?;
+        Ok(Self { outer })
+    }
+
+    fn set(&mut self, slot: u8, inner: &MapData) -> Result<(), MapError> {
+        ArrayOfMaps::<_, MapData>::try_from(&mut self.outer)?.set(slot.into(), inner, 0)
+    }
+
+    fn clear(&self, slot: u8) -> io::Result<()> {
+        match &self.outer {
+            Map::ArrayOfMaps(outer) => sys::clear_inner_map(outer.fd().as_fd(), slot.into()),
+            _ => Ok(()),
+        }
+    }
+
+    fn inner(&self, slot: u8) -> Option<MapData> {
+        let outer = ArrayOfMaps::<_, MapData>::try_from(&self.outer).ok()?;
+        outer.get(&slot.into(), 0).ok()
+    }
+}
+
+fn pinned(folder: &PinFolder, name: &str) -> Result<Map> {
+    let path = folder.entry(name);
+    MapData::from_pin(&path)
+        .and_then(Map::from_map_data)
+        .with_context(|| format!("cannot open the pinned map {}", path.display()))
+}
+
+fn open<T>(folder: &PinFolder, name: &str) -> Result<T>
+where
+    T: TryFrom<Map, Error = MapError>,
+{
+    T::try_from(pinned(folder, name)?).with_context(|| format!("map `{name}`"))
+}
+
+/// Makes a map that the object does not define.
+pub(crate) fn create(
+    kind: u32,
+    key_size: u32,
+    value_size: u32,
+    max_entries: u32,
+    flags: u32,
+    name: &str,
+) -> Result<MapData, MapError> {
+    let map = aya_obj::Map::new_from_params(kind, key_size, value_size, max_entries, flags);
+    MapData::create(map, name, None)
+}
+
+/// Makes the map's content equal to `entries`, touching nothing that already is.
+fn replace<K: Pod + Ord, V: Pod + PartialEq>(
+    map: &mut HashMap<MapData, K, V>,
+    entries: impl Iterator<Item = (K, V)>,
+) -> Result<()> {
+    let wanted: Vec<(K, V)> = entries.collect();
+    let known: BTreeSet<K> = map.keys().collect::<Result<_, _>>()?;
+    let keep: BTreeSet<K> = wanted.iter().map(|(key, _)| *key).collect();
+    for gone in known.difference(&keep) {
+        ignore_missing(map.remove(gone))?;
+    }
+    for (key, value) in wanted {
+        if map.get(&key, 0).ok() != Some(value) {
+            map.insert(key, value, 0)?;
+        }
+    }
+    Ok(())
+}
+
+/// Removing what is not there is no error.
+pub(crate) fn ignore_missing(result: Result<(), MapError>) -> Result<(), MapError> {
+    match result {
+        Err(MapError::KeyNotFound) => Ok(()),
+        Err(MapError::SyscallError(error)) if error.io_error.kind() == io::ErrorKind::NotFound => {
+            Ok(())
+        }
+        other => other,
+    }
+}
+
+/// CLOCK_MONOTONIC, which the programs' time stamps are of.
+fn monotonic_now() -> Duration {
+    clock_gettime(ClockId::CLOCK_MONOTONIC).map_or(Duration::ZERO, Duration::from)
+}
+
+fn nanoseconds(duration: Duration) -> u64 {
+    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
+}

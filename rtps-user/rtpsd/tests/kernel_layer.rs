@@ -1,0 +1,385 @@
+//! rtpsd in network namespaces: start, stop, kill, take over, and apps that misbehave.
+
+mod support;
+
+use std::net::UdpSocket;
+use std::thread;
+use std::time::Duration;
+
+use aya::maps::{MapData, MapType};
+use nix::sys::signal::{Signal, kill};
+use rtps_user::layer::protocol::{Endpoint, FromLayer, Resume, ToLayer, Welcome};
+use rtps_user::qos::Qos;
+use rtps_user::wire::{EntityId, EntityKind, Guid};
+use rtpsd::AttachedMode;
+use support::{AppSocket, Netns, Rtpsd, hello, run, wait_until};
+
+fn welcome(message: FromLayer) -> Welcome {
+    match message {
+        FromLayer::Welcome(welcome) => welcome,
+        other => panic!("no welcome but {other:?}"),
+    }
+}
+
+#[test]
+fn a_clean_stop_leaves_nothing() {
+    let Some(netns) = Netns::new() else { return };
+    let rtpsd = Rtpsd::start(&netns, &["--domain", "0", "--domain", "7"]);
+    let status = netns.status();
+    assert!(status.loaded);
+    assert_eq!(status.rtpsd, Some(rtpsd.pid().as_raw()));
+    assert_eq!(status.network_namespace, netns.inode);
+    let [interface] = &status.interfaces[..] else {
+        panic!("{:?}", status.interfaces);
+    };
+    assert_eq!(interface.name, "veth0");
+    assert_eq!(interface.mode, AttachedMode::Native);
+    let domains: Vec<u32> = status.domains.iter().map(|domain| domain.domain).collect();
+    assert_eq!(domains, [0, 7]);
+    assert!(
+        status
+            .domains
+            .iter()
+            .all(|domain| domain.discovery.is_some())
+    );
+    assert!(status.counters.contains_key("veth0") && status.counters.contains_key("other"));
+    assert!(netns.has_xdp());
+    assert!(rtpsd.end(Signal::SIGTERM));
+    assert!(netns.is_clean());
+    assert!(!netns.status().loaded);
+}
+
+#[test]
+fn generic_mode_is_reported() {
+    let Some(netns) = Netns::new() else { return };
+    let _rtpsd = Rtpsd::start(&netns, &["--mode", "generic"]);
+    assert_eq!(netns.status().interfaces[0].mode, AttachedMode::Generic);
+    assert!(netns.ip("link show dev veth0").contains("xdpgeneric"));
+}
+
+#[test]
+fn auto_mode_falls_back_to_generic() {
+    let Some(netns) = Netns::new() else { return };
+    // The loopback interface has no native XDP.
+    let refused = Rtpsd::command(&netns, &["--iface", "lo", "--mode", "native"])
+        .output()
+        .unwrap();
+    assert!(!refused.status.success());
+    assert!(netns.is_clean());
+    let _rtpsd = Rtpsd::start(&netns, &["--iface", "lo"]);
+    let modes: Vec<AttachedMode> = netns.status().interfaces.iter().map(|i| i.mode).collect();
+    assert_eq!(modes, [AttachedMode::Generic, AttachedMode::Native]);
+}
+
+#[test]
+fn a_killed_rtpsd_is_taken_over() {
+    let Some(netns) = Netns::new() else { return };
+    let rtpsd = Rtpsd::start(&netns, &[]);
+    let before = netns.status();
+    assert!(!rtpsd.end(Signal::SIGKILL));
+    let orphaned = netns.status();
+    assert!(orphaned.loaded && orphaned.rtpsd.is_none());
+    assert_eq!(orphaned.counters.len(), before.counters.len());
+    assert!(netns.has_xdp());
+    let links = || {
+        netns
+            .within(|| run("ls", &["-i", netns.pins().to_str().unwrap()]))
+            .lines()
+            .find(|line| line.contains("xdp-"))
+            .unwrap()
+            .to_owned()
+    };
+    let link = links();
+    let rtpsd = Rtpsd::start(&netns, &[]);
+    assert_eq!(links(), link, "the link was made anew");
+    let after = netns.status();
+    assert_eq!(after.domains[0].prefix, before.domains[0].prefix);
+    assert_eq!(
+        after.domains[0].participant_id,
+        before.domains[0].participant_id
+    );
+    assert_eq!(
+        after.domains[0].incarnation,
+        before.domains[0].incarnation + 1
+    );
+    assert!(rtpsd.end(Signal::SIGINT));
+    assert!(netns.is_clean());
+}
+
+#[test]
+fn unload_cleans_up_after_a_kill() {
+    let Some(netns) = Netns::new() else { return };
+    let rtpsd = Rtpsd::start(&netns, &[]);
+    assert!(!rtpsd.end(Signal::SIGKILL));
+    let unloaded = netns.within(|| rtpsd::unload().unwrap());
+    assert_eq!(unloaded.rtpsd, None);
+    assert!(unloaded.leftovers);
+    assert!(netns.is_clean());
+    let again = netns.within(|| rtpsd::unload().unwrap());
+    assert_eq!(again, rtpsd::Unloaded::default());
+}
+
+#[test]
+fn unload_ends_a_running_and_a_stopped_rtpsd() {
+    let Some(netns) = Netns::new() else { return };
+    for stopped in [false, true] {
+        let rtpsd = Rtpsd::start(&netns, &[]);
+        if stopped {
+            kill(rtpsd.pid(), Signal::SIGSTOP).unwrap();
+        }
+        let unloaded = netns.within(|| rtpsd::unload().unwrap());
+        assert_eq!(unloaded.rtpsd, Some(rtpsd.pid().as_raw()));
+        assert_eq!(unloaded.killed, stopped);
+        assert!(netns.is_clean());
+    }
+}
+
+#[test]
+fn a_second_rtpsd_is_refused() {
+    let Some(netns) = Netns::new() else { return };
+    let first = Rtpsd::start(&netns, &[]);
+    let second = Rtpsd::command(&netns, &[]).output().unwrap();
+    assert!(!second.status.success());
+    let log = String::from_utf8_lossy(&second.stderr);
+    assert!(log.contains(&first.pid().to_string()), "{log}");
+    assert!(netns.status().loaded);
+}
+
+#[test]
+fn a_failed_start_leaves_nothing() {
+    let Some(netns) = Netns::new() else { return };
+    let output = Rtpsd::command(&netns, &["--iface", "nosuchif0"])
+        .output()
+        .unwrap();
+    assert!(!output.status.success());
+    assert!(String::from_utf8_lossy(&output.stderr).contains("nosuchif0"));
+    assert!(netns.is_clean());
+}
+
+#[test]
+fn an_app_gets_ring_and_bell_until_it_goes() {
+    let Some(netns) = Netns::new() else { return };
+    let _rtpsd = Rtpsd::start(&netns, &[]);
+    let app = AppSocket::connect(&netns);
+    let (message, descriptors) = app.hello(hello(0, None));
+    let slot = welcome(message).slot;
+    let kinds: Vec<MapType> = descriptors
+        .into_iter()
+        .map(|fd| MapData::from_fd(fd).unwrap().info().unwrap())
+        .map(|info| info.map_type().unwrap())
+        .collect();
+    assert_eq!(kinds, [MapType::RingBuf, MapType::Array]);
+    let status = netns.status();
+    assert_eq!(status.apps.len(), 1);
+    assert_eq!(status.apps[0].slot, slot);
+    assert_eq!(status.apps[0].name, "test");
+    assert_eq!(status.apps[0].pid, i32::try_from(std::process::id()).ok());
+    assert_eq!(status.apps[0].ring_bytes, 1 << 20);
+    assert_eq!(status.apps[0].ring_fill, 0);
+    drop(app);
+    assert!(wait_until(|| netns.status().apps.is_empty()));
+}
+
+#[test]
+fn slots_are_the_hosts_not_a_domains() {
+    let Some(netns) = Netns::new() else { return };
+    let _rtpsd = Rtpsd::start(&netns, &["--domain", "0", "--domain", "1"]);
+    let apps: Vec<(AppSocket, u8)> = [0, 1, 0, 1]
+        .into_iter()
+        .map(|domain| {
+            let app = AppSocket::connect(&netns);
+            let slot = welcome(app.hello(hello(domain, None)).0).slot;
+            (app, slot)
+        })
+        .collect();
+    let mut slots: Vec<u8> = apps.iter().map(|(_, slot)| *slot).collect();
+    slots.sort_unstable();
+    slots.dedup();
+    assert_eq!(slots.len(), apps.len());
+}
+
+#[test]
+fn an_app_keeps_slot_and_ring_over_a_kill() {
+    let Some(netns) = Netns::new() else { return };
+    let rtpsd = Rtpsd::start(&netns, &[]);
+    let app = AppSocket::connect(&netns);
+    let (message, _ring) = app.hello(hello(0, None));
+    let first = welcome(message);
+    rtpsd.end(Signal::SIGKILL);
+    let _rtpsd = Rtpsd::start(&netns, &[]);
+    let again = AppSocket::connect(&netns);
+    let resume = Resume {
+        slot: first.slot,
+        token: first.token,
+    };
+    let (message, descriptors) = again.hello(hello(0, Some(resume)));
+    let second = welcome(message);
+    assert_eq!((second.slot, second.prefix), (first.slot, first.prefix));
+    assert!(descriptors.is_empty());
+    thread::sleep(Duration::from_secs(6));
+    assert_eq!(netns.status().apps.len(), 1, "freed although it came back");
+}
+
+#[test]
+fn an_app_that_does_not_come_back_is_forgotten() {
+    let Some(netns) = Netns::new() else { return };
+    let rtpsd = Rtpsd::start(&netns, &[]);
+    let app = AppSocket::connect(&netns);
+    welcome(app.hello(hello(0, None)).0);
+    rtpsd.end(Signal::SIGKILL);
+    let _rtpsd = Rtpsd::start(&netns, &[]);
+    assert_eq!(netns.status().apps.len(), 1);
+    assert!(wait_until(|| netns.status().apps.is_empty()));
+}
+
+#[test]
+fn garbage_gets_a_reason_and_harms_nobody() {
+    let Some(netns) = Netns::new() else { return };
+    let _rtpsd = Rtpsd::start(&netns, &[]);
+    let honest = AppSocket::connect(&netns);
+    let slot = welcome(honest.hello(hello(0, None)).0).slot;
+    let valid = postcard::to_stdvec(&ToLayer::Hello(hello(0, None))).unwrap();
+    let truncated = (1..valid.len()).map(|length| valid[..length].to_vec());
+    let garbage = [
+        vec![0xff; 60_000],
+        vec![0; 1],
+        vec![0x80; 200],
+        vec![0; 140_000],
+    ];
+    for bytes in truncated.chain(garbage) {
+        let app = AppSocket::connect(&netns);
+        assert!(app.send_raw(&bytes));
+        assert!(!app.refusal().is_empty());
+        assert!(app.receive().is_none());
+    }
+    let early = AppSocket::connect(&netns);
+    early.send(&ToLayer::Withdraw(EntityId::of_app(
+        slot,
+        1,
+        EntityKind::ReaderNoKey,
+    )));
+    assert!(early.refusal().contains("hello"));
+    let mut old = hello(0, None);
+    old.version += 1;
+    let unserved = hello(5, None);
+    for (hello, hint) in [(old, "version"), (unserved, "--domain 5")] {
+        let app = AppSocket::connect(&netns);
+        app.send(&ToLayer::Hello(hello));
+        let reason = app.refusal();
+        assert!(reason.contains(hint), "{reason}");
+    }
+    let status = netns.status();
+    assert_eq!(status.apps.len(), 1);
+    assert_eq!(status.apps[0].slot, slot);
+}
+
+#[test]
+fn silent_connections_cannot_keep_apps_out() {
+    let Some(netns) = Netns::new() else { return };
+    let _rtpsd = Rtpsd::start(&netns, &[]);
+    let silent: Vec<AppSocket> = (0..400).map(|_| AppSocket::connect(&netns)).collect();
+    assert!(silent[0].refusal().contains("in time"));
+    let app = AppSocket::connect(&netns);
+    welcome(app.hello(hello(0, None)).0);
+}
+
+#[test]
+fn two_hosts_match_their_apps_and_survive_a_restart_unnoticed() {
+    let Some((here, there)) = Netns::pair() else {
+        return;
+    };
+    let (first, _second) = (Rtpsd::start(&here, &[]), Rtpsd::start(&there, &[]));
+    let (writing, reading) = (AppSocket::connect(&here), AppSocket::connect(&there));
+    let writer_host = welcome(writing.hello(hello(0, None)).0);
+    let reader_host = welcome(reading.hello(hello(0, None)).0);
+    let writer = EntityId::of_app(writer_host.slot, 1, EntityKind::WriterNoKey);
+    let reader = EntityId::of_app(reader_host.slot, 1, EntityKind::ReaderNoKey);
+    writing.send(&declaration(writer));
+    reading.send(&declaration(reader));
+    assert_eq!(writing.matched(), Guid::new(reader_host.prefix, reader));
+    assert_eq!(reading.matched(), Guid::new(writer_host.prefix, writer));
+    drop(first);
+    let _first = Rtpsd::start(&here, &[]);
+    let again = AppSocket::connect(&here);
+    let resume = Resume {
+        slot: writer_host.slot,
+        token: writer_host.token,
+    };
+    welcome(again.hello(hello(0, Some(resume))).0);
+    again.send(&declaration(writer));
+    assert!(
+        reading.is_silent_for(Duration::from_secs(7)),
+        "the other host noticed"
+    );
+    drop(again);
+    let (message, _) = reading.receive().unwrap();
+    assert_eq!(
+        message,
+        FromLayer::Unmatched {
+            local: reader,
+            remote: Guid::new(writer_host.prefix, writer)
+        }
+    );
+}
+
+#[test]
+fn an_interface_that_comes_back_is_attached_again() {
+    let Some(netns) = Netns::new() else { return };
+    let rtpsd = Rtpsd::start(&netns, &[]);
+    let first = netns.status().interfaces[0].index;
+    netns.ip("link del veth0");
+    netns.ip("link add veth0 type veth peer name veth1");
+    netns.ip("link set veth0 up");
+    netns.ip("addr add 10.99.0.1/24 dev veth0");
+    assert!(wait_until(|| netns.has_xdp()));
+    let interfaces = netns.status().interfaces;
+    assert_eq!(interfaces.len(), 1);
+    assert_ne!(interfaces[0].index, first);
+    assert!(netns.ip("maddr show dev veth0").contains("239.255.0.1"));
+    assert!(rtpsd.end(Signal::SIGTERM));
+    assert!(netns.is_clean());
+}
+
+#[test]
+fn datagrams_reach_the_ring_through_both_hooks() {
+    let Some((here, there)) = Netns::pair() else {
+        return;
+    };
+    let _rtpsd = Rtpsd::start(&here, &[]);
+    let app = AppSocket::connect(&here);
+    let slot = welcome(app.hello(hello(0, None)).0).slot;
+    let delivered = |interface: &str| here.status().counters[interface]["delivered_records"];
+    let fill = || here.status().apps[0].ring_fill;
+    let reader = EntityId::of_app(slot, 1, EntityKind::ReaderNoKey);
+    there.within(|| send_data(reader, "10.99.0.1:7411"));
+    assert!(wait_until(|| delivered("veth0") == 1));
+    let by_xdp = fill();
+    assert!(by_xdp > 0);
+    here.within(|| send_data(reader, "127.0.0.1:7411"));
+    assert!(wait_until(|| delivered("lo") == 1));
+    assert!(fill() > by_xdp);
+    let counters = here.status().counters;
+    assert_eq!(counters["veth0"]["xdp_messages"], 1);
+    assert_eq!(counters["lo"]["filter_messages"], 1);
+}
+
+/// A message with one DATA submessage (RTPS 2.5, 9.4.5.4).
+fn send_data(reader: EntityId, to: &str) {
+    let mut message = b"RTPS\x02\x05\0\0ABCDEFGHIJKL".to_vec();
+    message.extend([0x15, 0x05, 28, 0, 0, 0, 16, 0]);
+    message.extend(reader.0);
+    message.extend([0, 0, 1, 0x03]);
+    message.extend([0, 0, 0, 0, 1, 0, 0, 0]);
+    message.extend([0, 1, 0, 0, 1, 2, 3, 4]);
+    let socket = UdpSocket::bind("0.0.0.0:0").unwrap();
+    socket.send_to(&message, to).unwrap();
+}
+
+fn declaration(entity: EntityId) -> ToLayer {
+    ToLayer::Declare(Box::new(Endpoint {
+        entity,
+        topic: "topic".into(),
+        type_name: "type".into(),
+        qos: Qos::default(),
+    }))
+}

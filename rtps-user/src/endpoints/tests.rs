@@ -1,0 +1,186 @@
+//! Two apps' endpoints, with the datagrams between them carried by hand.
+
+use std::net::SocketAddr;
+use std::time::Duration;
+
+use super::*;
+use crate::history::{ChangeKind, NewChange};
+use crate::qos::{History, Qos, Reliability};
+use crate::reader::Selection;
+use crate::wire::{EntityKind, KeyHash, Timestamp, WireError};
+use crate::writer::WriterTiming;
+
+const ADDRESS: SocketAddr = SocketAddr::new(
+    std::net::IpAddr::V4(std::net::Ipv4Addr::new(10, 0, 0, 1)),
+    7411,
+);
+
+fn qos() -> Qos {
+    Qos {
+        reliability: Reliability::RELIABLE,
+        history: History::KeepAll,
+        ..Qos::default()
+    }
+}
+
+fn remote(guid: Guid) -> RemoteEndpoint {
+    RemoteEndpoint {
+        guid,
+        unicast: vec![ADDRESS],
+        multicast: Vec::new(),
+        expects_inline_qos: false,
+        qos: qos(),
+        topic: String::new(),
+        type_name: String::new(),
+    }
+}
+
+/// An app with one writer, and one with three readers of which two are matched with it.
+struct Apps {
+    now: Instant,
+    writing: Endpoints,
+    writer: Guid,
+    reading: Endpoints,
+    readers: [EntityId; 3],
+}
+
+impl Apps {
+    fn new() -> Self {
+        let (ours, theirs) = (GuidPrefix([1; 12]), GuidPrefix([2; 12]));
+        let writer = Guid::new(ours, EntityId::of_app(1, 1, EntityKind::WriterNoKey));
+        let id = |serial| EntityId::of_app(3, serial, EntityKind::ReaderNoKey);
+        let mut apps = Self {
+            now: Instant::now(),
+            writing: Endpoints::new(ours),
+            writer,
+            reading: Endpoints::new(theirs),
+            readers: [1, 2, 3].map(id),
+        };
+        apps.writing.add_writer(WriterConfig {
+            guid: writer,
+            qos: qos(),
+            datagram_size: 1472,
+            timing: WriterTiming::default(),
+        });
+        for reader in apps.readers {
+            let config = ReaderConfig::new(Guid::new(theirs, reader), qos());
+            apps.reading.add_reader(config);
+        }
+        for reader in [apps.readers[0], apps.readers[1]] {
+            let guid = Guid::new(theirs, reader);
+            apps.writing
+                .match_remote(apps.now, writer.entity, &remote(guid));
+            apps.reading.match_remote(apps.now, reader, &remote(writer));
+        }
+        apps.exchange();
+        apps
+    }
+
+    fn write(&mut self) {
+        let change = NewChange {
+            kind: ChangeKind::Alive,
+            instance: KeyHash::default(),
+            payload: vec![0; 8].into(),
+            timestamp: Timestamp::default(),
+        };
+        let writer = self.writing.writer_mut(self.writer.entity).unwrap();
+        writer.write(self.now, change).unwrap();
+    }
+
+    /// The datagrams of the writing app.
+    fn written(&mut self) -> Vec<Vec<u8>> {
+        let mut out = Vec::new();
+        let mut datagrams = Vec::new();
+        while self.writing.poll_transmit(self.now, &mut out).is_some() {
+            datagrams.push(out.clone());
+        }
+        datagrams
+    }
+
+    fn deliver(&mut self, datagram: &[u8]) -> Result<(), WireError> {
+        self.reading.handle_datagram(self.now, ADDRESS, datagram)
+    }
+
+    fn exchange(&mut self) {
+        let mut out = Vec::new();
+        for _ in 0..10 {
+            for datagram in self.written() {
+                self.deliver(&datagram).unwrap();
+            }
+            while self.reading.poll_transmit(self.now, &mut out).is_some() {
+                self.writing
+                    .handle_datagram(self.now, ADDRESS, &out)
+                    .unwrap();
+            }
+        }
+    }
+
+    fn events(&mut self) -> Vec<EndpointEvent> {
+        std::iter::from_fn(|| self.reading.poll_event()).collect()
+    }
+
+    fn taken(&mut self) -> [usize; 3] {
+        let everything = Selection::default();
+        self.readers.map(|reader| {
+            let reader = self.reading.reader_mut(reader).unwrap();
+            reader.take(usize::MAX, &everything).len()
+        })
+    }
+}
+
+#[test]
+fn one_datagram_serves_all_matched_readers() {
+    let mut apps = Apps::new();
+    apps.events();
+    apps.write();
+    let datagrams = apps.written();
+    assert_eq!(datagrams.len(), 1);
+    apps.deliver(&datagrams[0]).unwrap();
+    let expected = [0, 1].map(|index| EndpointEvent::DataAvailable(apps.readers[index]));
+    assert_eq!(apps.events(), expected);
+    assert_eq!(apps.taken(), [1, 1, 0]);
+}
+
+#[test]
+fn unmatched_and_removed_readers_get_nothing() {
+    let mut apps = Apps::new();
+    apps.reading.unmatch(apps.now, apps.readers[0], apps.writer);
+    apps.reading.remove(apps.readers[1]);
+    apps.events();
+    apps.write();
+    for datagram in apps.written() {
+        apps.deliver(&datagram).unwrap();
+    }
+    assert_eq!(apps.events(), []);
+    assert!(apps.reading.reader(apps.readers[1]).is_none());
+}
+
+#[test]
+fn what_precedes_a_malformed_part_is_processed() {
+    let mut apps = Apps::new();
+    apps.write();
+    let mut datagram = apps.written().remove(0);
+    // A HEARTBEAT whose body is missing.
+    datagram.extend_from_slice(&[7, 1, 28, 0]);
+    assert_eq!(apps.deliver(&datagram), Err(WireError::SubmessageTooLong));
+    assert_eq!(apps.taken(), [1, 1, 0]);
+}
+
+#[test]
+fn timers_run_for_whoever_has_set_them() {
+    let mut apps = Apps::new();
+    apps.exchange();
+    assert_eq!(apps.writing.poll_timeout(), None);
+    apps.write();
+    apps.written();
+    let due = apps.writing.poll_timeout().unwrap();
+    assert_eq!(due, apps.now + WriterTiming::default().heartbeat_period);
+    apps.writing.handle_timeout(due - Duration::from_nanos(1));
+    assert!(apps.written().is_empty());
+    apps.now = due;
+    apps.writing.handle_timeout(due);
+    assert_eq!(apps.written().len(), 2, "a HEARTBEAT for each reader");
+    assert!(apps.writing.poll_timeout() > Some(due));
+    apps.writing.remove(apps.writer.entity);
+    assert_eq!(apps.writing.poll_timeout(), None);
+}

@@ -1,0 +1,212 @@
+//! HistoryCache: the changes that a writer still has (RTPS 2.5 section 8.2.2).
+
+use std::collections::BTreeMap;
+
+use super::{CacheChange, NewChange};
+use crate::wire::{KeyHash, SequenceNumber};
+
+/// Changes by sequence number, and the list of each instance's changes through them. Every operation on one
+/// change costs O(log n).
+#[derive(Clone, Debug, Default)]
+pub struct HistoryCache {
+    changes: BTreeMap<SequenceNumber, CacheChange>,
+    instances: BTreeMap<KeyHash, Instance>,
+    bytes: usize,
+}
+
+/// The changes of one instance.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub struct Instance {
+    /// The oldest that is still there.
+    pub oldest: SequenceNumber,
+    /// The newest.
+    pub newest: SequenceNumber,
+    /// How many there are.
+    pub len: usize,
+}
+
+impl HistoryCache {
+    /// Appends a change; `sequence` must be above all that are in here.
+    pub fn insert(&mut self, sequence: SequenceNumber, change: NewChange) {
+        debug_assert!(self.last().is_none_or(|last| last < sequence));
+        let older = self.append_to_instance(change.instance, sequence);
+        if let Some(older) = older.and_then(|older| self.changes.get_mut(&older)) {
+            older.newer = Some(sequence);
+        }
+        self.bytes += change.payload.len();
+        self.changes
+            .insert(sequence, CacheChange::new(change, older));
+    }
+
+    /// Takes a change out.
+    pub fn remove(&mut self, sequence: SequenceNumber) -> Option<CacheChange> {
+        let change = self.changes.remove(&sequence)?;
+        self.bytes -= change.payload.len();
+        self.unlink(&change);
+        Some(change)
+    }
+
+    /// Takes the oldest change out if it is not above `limit`.
+    pub fn pop_through(&mut self, limit: SequenceNumber) -> Option<CacheChange> {
+        let oldest = self.first().filter(|oldest| *oldest <= limit)?;
+        self.remove(oldest)
+    }
+
+    /// The change with that number.
+    pub fn get(&self, sequence: SequenceNumber) -> Option<&CacheChange> {
+        self.changes.get(&sequence)
+    }
+
+    /// The oldest change that is not below `sequence`.
+    pub fn next_from(&self, sequence: SequenceNumber) -> Option<(SequenceNumber, &CacheChange)> {
+        let (sequence, change) = self.changes.range(sequence..).next()?;
+        Some((*sequence, change))
+    }
+
+    /// The lowest number.
+    pub fn first(&self) -> Option<SequenceNumber> {
+        self.changes.first_key_value().map(|(first, _)| *first)
+    }
+
+    /// The highest number.
+    pub fn last(&self) -> Option<SequenceNumber> {
+        self.changes.last_key_value().map(|(last, _)| *last)
+    }
+
+    /// Changes of all instances.
+    pub fn len(&self) -> usize {
+        self.changes.len()
+    }
+
+    /// Whether there is no change.
+    pub fn is_empty(&self) -> bool {
+        self.changes.is_empty()
+    }
+
+    /// Bytes of all payloads.
+    pub fn bytes(&self) -> usize {
+        self.bytes
+    }
+
+    /// Instances that have changes in here.
+    pub fn instances(&self) -> usize {
+        self.instances.len()
+    }
+
+    /// An instance that has changes in here.
+    pub fn instance(&self, instance: KeyHash) -> Option<Instance> {
+        self.instances.get(&instance).copied()
+    }
+
+    /// Gives the number that was the instance's newest before.
+    fn append_to_instance(
+        &mut self,
+        instance: KeyHash,
+        sequence: SequenceNumber,
+    ) -> Option<SequenceNumber> {
+        let list = self.instances.entry(instance).or_insert(Instance {
+            oldest: sequence,
+            newest: sequence,
+            len: 0,
+        });
+        let older = (list.len > 0).then_some(list.newest);
+        list.newest = sequence;
+        list.len += 1;
+        older
+    }
+
+    /// Closes the gap that a change leaves in the list of its instance.
+    fn unlink(&mut self, change: &CacheChange) {
+        let CacheChange { older, newer, .. } = *change;
+        if let Some(older) = older.and_then(|older| self.changes.get_mut(&older)) {
+            older.newer = newer;
+        }
+        if let Some(newer) = newer.and_then(|newer| self.changes.get_mut(&newer)) {
+            newer.older = older;
+        }
+        if older.is_none() && newer.is_none() {
+            self.instances.remove(&change.instance);
+        } else if let Some(list) = self.instances.get_mut(&change.instance) {
+            list.oldest = newer.filter(|_| older.is_none()).unwrap_or(list.oldest);
+            list.newest = older.filter(|_| newer.is_none()).unwrap_or(list.newest);
+            list.len -= 1;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::history::ChangeKind;
+    use crate::wire::Timestamp;
+
+    fn change(instance: u8, bytes: usize) -> NewChange {
+        NewChange {
+            kind: ChangeKind::Alive,
+            instance: KeyHash([instance; 16]),
+            payload: vec![0; bytes].into(),
+            timestamp: Timestamp::default(),
+        }
+    }
+
+    #[derive(Clone, Debug)]
+    enum Operation {
+        Insert(u8, usize),
+        Remove(i64),
+        PopThrough(i64),
+    }
+
+    fn operation() -> impl Strategy<Value = Operation> {
+        prop_oneof![
+            3 => (0..4u8, 0..9usize).prop_map(|(instance, bytes)| Operation::Insert(instance, bytes)),
+            2 => (0..64i64).prop_map(Operation::Remove),
+            1 => (0..64i64).prop_map(Operation::PopThrough),
+        ]
+    }
+
+    proptest! {
+        /// The cache against a plain list that is searched from end to end.
+        #[test]
+        fn agrees_with_a_list(operations in prop::collection::vec(operation(), 0..200)) {
+            let mut cache = HistoryCache::default();
+            let mut list: Vec<(i64, u8, usize)> = Vec::new();
+            let mut last = 0;
+            for operation in operations {
+                match operation {
+                    Operation::Insert(instance, bytes) => {
+                        last += 1;
+                        cache.insert(SequenceNumber(last), change(instance, bytes));
+                        list.push((last, instance, bytes));
+                    }
+                    Operation::Remove(number) => {
+                        let removed = cache.remove(SequenceNumber(number)).is_some();
+                        prop_assert_eq!(removed, list.iter().any(|entry| entry.0 == number));
+                        list.retain(|entry| entry.0 != number);
+                    }
+                    Operation::PopThrough(limit) => {
+                        let popped = cache.pop_through(SequenceNumber(limit)).is_some();
+                        prop_assert_eq!(popped, list.first().is_some_and(|entry| entry.0 <= limit));
+                        if popped {
+                            list.remove(0);
+                        }
+                    }
+                }
+                prop_assert_eq!(cache.len(), list.len());
+                prop_assert_eq!(cache.bytes(), list.iter().map(|entry| entry.2).sum::<usize>());
+                prop_assert_eq!(cache.first().map(|n| n.0), list.first().map(|entry| entry.0));
+                for instance in 0..4u8 {
+                    let hash = KeyHash([instance; 16]);
+                    let of_instance: Vec<_> = list.iter().filter(|entry| entry.1 == instance).collect();
+                    let expected = of_instance.first().zip(of_instance.last()).map(|(oldest, newest)| Instance {
+                        oldest: SequenceNumber(oldest.0),
+                        newest: SequenceNumber(newest.0),
+                        len: of_instance.len(),
+                    });
+                    prop_assert_eq!(cache.instance(hash), expected);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,112 @@
+//! CacheChange: one sample, disposal or unregistration of an instance (RTPS 2.5 section 8.2.3).
+
+use bytes::Bytes;
+
+use crate::wire::{KeyHash, PayloadKind, SequenceNumber, StatusInfo, Timestamp};
+
+/// What a change does to its instance (ChangeKind_t, RTPS 8.2.3).
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+pub enum ChangeKind {
+    /// Gives it a value.
+    #[default]
+    Alive,
+    /// Disposes it.
+    Disposed,
+    /// The writer will not update it any more.
+    Unregistered,
+    /// Both.
+    DisposedUnregistered,
+}
+
+impl ChangeKind {
+    /// The flags that stand in the inline QoS.
+    pub fn status_info(self) -> StatusInfo {
+        StatusInfo {
+            disposed: matches!(self, Self::Disposed | Self::DisposedUnregistered),
+            unregistered: matches!(self, Self::Unregistered | Self::DisposedUnregistered),
+            filtered: false,
+        }
+    }
+
+    /// What the flags of an inline QoS say.
+    pub fn from_status_info(status: StatusInfo) -> Self {
+        match (status.disposed, status.unregistered) {
+            (false, false) => Self::Alive,
+            (true, false) => Self::Disposed,
+            (false, true) => Self::Unregistered,
+            (true, true) => Self::DisposedUnregistered,
+        }
+    }
+}
+
+/// A change that a writer is about to take into its history.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub struct NewChange {
+    /// What it does to the instance.
+    pub kind: ChangeKind,
+    /// The instance; zeros for a topic without key.
+    pub instance: KeyHash,
+    /// The serialized sample with its encapsulation header; only the key, or nothing, where the kind is not
+    /// [`ChangeKind::Alive`].
+    pub payload: Bytes,
+    /// The source timestamp.
+    pub timestamp: Timestamp,
+}
+
+/// A change in a history.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub struct CacheChange {
+    /// What it does to the instance.
+    pub kind: ChangeKind,
+    /// The instance.
+    pub instance: KeyHash,
+    /// The serialized sample or key.
+    pub payload: Bytes,
+    /// The source timestamp.
+    pub timestamp: Timestamp,
+    /// The change of the same instance before this one that is still in the history.
+    pub(super) older: Option<SequenceNumber>,
+    /// The change of the same instance after this one that is still in the history.
+    pub(super) newer: Option<SequenceNumber>,
+}
+
+impl CacheChange {
+    pub(super) fn new(change: NewChange, older: Option<SequenceNumber>) -> Self {
+        Self {
+            kind: change.kind,
+            instance: change.instance,
+            payload: change.payload,
+            timestamp: change.timestamp,
+            older,
+            newer: None,
+        }
+    }
+
+    /// What the payload is on the wire.
+    pub fn payload_kind(&self) -> PayloadKind {
+        match self.kind {
+            _ if self.payload.is_empty() => PayloadKind::None,
+            ChangeKind::Alive => PayloadKind::Data,
+            ChangeKind::Disposed | ChangeKind::Unregistered | ChangeKind::DisposedUnregistered => {
+                PayloadKind::Key
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kinds_and_flags_are_the_same_thing() {
+        for kind in [
+            ChangeKind::Alive,
+            ChangeKind::Disposed,
+            ChangeKind::Unregistered,
+            ChangeKind::DisposedUnregistered,
+        ] {
+            assert_eq!(ChangeKind::from_status_info(kind.status_info()), kind);
+        }
+    }
+}

@@ -1,0 +1,10 @@
+//! The writer's HistoryCache and the changes in it (RTPS 2.5 sections 8.2.2 and 8.2.3).
+//!
+//! Changes are ordered by sequence number; those of one instance are also linked to each other, so that
+//! KEEP_LAST finds the one to replace without a search.
+
+mod cache;
+mod change;
+
+pub use cache::{HistoryCache, Instance};
+pub use change::{CacheChange, ChangeKind, NewChange};

@@ -1,0 +1,243 @@
+//! The layer: discovery and matching on behalf of the apps that use it.
+//!
+//! [`Layer`] is the whole of it without I/O: rtpsd drives one for the kernel layer, and an app without kernel
+//! layer drives one for itself. After each call drain [`Layer::poll_output`] until it gives `None`, and do what it
+//! says in order; call [`Layer::handle_timeout`] when [`Layer::poll_timeout`] has come.
+//!
+//! The order of the outputs is a promise: a route is there before the app learns of the match, an app is told before
+//! the store is changed, and the store is changed before a remote participant learns that we know. So nothing is
+//! lost by a crash between two of them.
+
+mod apps;
+mod config;
+mod declare;
+mod events;
+mod outputs;
+pub mod protocol;
+mod restore;
+mod status;
+mod store;
+#[cfg(test)]
+mod tests;
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::net::SocketAddr;
+use std::time::Instant;
+
+use apps::{App, Apps};
+pub use config::{LayerConfig, Limits};
+pub use outputs::{KernelChange, LayerOutput};
+use protocol::{FromLayer, Hello, LAYER_PROTOCOL_VERSION, ToLayer, Welcome};
+use rtps_ebpf::SlotSet;
+pub use status::{AppStatus, EndpointStatus, LayerStatus, ParticipantStatus, RefusedStatus};
+use store::Record;
+pub use store::{MAX_STORE_VALUE, StoreChange, StoreKey};
+
+use crate::discovery::{Discovery, Matchmaker};
+use crate::wire::{Guid, GuidPrefix, WireError};
+
+/// The host's participant in one domain, for up to 255 apps.
+#[derive(Debug)]
+pub struct Layer {
+    config: LayerConfig,
+    discovery: Discovery,
+    matchmaker: Matchmaker,
+    apps: Apps,
+    /// What the low-level layer has been told.
+    routes: BTreeMap<Guid, SlotSet>,
+    /// Remote endpoints that are too large for the store: they must be announced again after a restart.
+    unstorable: BTreeSet<Guid>,
+    outputs: VecDeque<LayerOutput>,
+}
+
+impl Layer {
+    /// Starts; the first announcement is due at once.
+    pub fn new(config: LayerConfig, now: Instant) -> Self {
+        let mut layer = Self {
+            discovery: Discovery::new(config.discovery(), now),
+            matchmaker: Matchmaker::new(config.prefix),
+            apps: Apps::default(),
+            routes: BTreeMap::new(),
+            unstorable: BTreeSet::new(),
+            outputs: VecDeque::new(),
+            config,
+        };
+        layer.store_announcement();
+        layer
+    }
+
+    /// Takes an app: gives it a slot, or the one that it had before the layer was restarted. `token` is random and
+    /// serves for a new slot. The error is a sentence for [`FromLayer::Refused`].
+    pub fn attach(
+        &mut self,
+        now: Instant,
+        hello: &Hello,
+        token: [u8; 16],
+    ) -> Result<Welcome, String> {
+        self.check(hello)?;
+        let (prefix, datagram_size) = (self.config.prefix, self.config.datagram_size);
+        let welcome = |slot, token| Welcome {
+            slot,
+            token,
+            prefix,
+            datagram_size,
+        };
+        if let Some(resume) = hello.resume
+            && let Some(app) = self.apps.returning(resume)
+        {
+            let backlog = app.backlog.take().unwrap_or_default();
+            app.grace = Some(now + self.config.resume_grace);
+            let slot = resume.slot;
+            self.outputs.extend(
+                backlog
+                    .into_iter()
+                    .map(|message| LayerOutput::Reply { slot, message }),
+            );
+            return Ok(welcome(slot, resume.token));
+        }
+        let name = hello.name.clone();
+        let slot = self
+            .apps
+            .add(App::new(name.clone(), token))
+            .ok_or("255 apps use this layer already: end one of them first")?;
+        self.store(Record::App { slot, token, name });
+        Ok(welcome(slot, token))
+    }
+
+    fn check(&self, hello: &Hello) -> Result<(), String> {
+        if hello.version != LAYER_PROTOCOL_VERSION {
+            return Err(format!(
+                "the app speaks version {} of the layer protocol and the layer version {LAYER_PROTOCOL_VERSION}: \
+                 build both from the same release",
+                hello.version
+            ));
+        }
+        if hello.domain != self.config.domain {
+            return Err(format!(
+                "this layer serves domain {} and not {}",
+                self.config.domain, hello.domain
+            ));
+        }
+        Ok(())
+    }
+
+    /// Does what an attached app asks for; answers are replies to its slot.
+    pub fn handle_request(&mut self, now: Instant, slot: u8, request: ToLayer) {
+        match request {
+            ToLayer::Hello(_) => self.refuse(slot, "the app has said hello before".to_owned()),
+            ToLayer::Declare(endpoint) => {
+                if let Err(reason) = self.declare(now, slot, *endpoint) {
+                    self.refuse(slot, reason);
+                }
+            }
+            ToLayer::Withdraw(entity) if entity.slot() == slot => {
+                self.withdraw(now, entity);
+                self.refresh_automatic_lease(now);
+            }
+            ToLayer::Withdraw(_) => {
+                self.refuse(slot, "the endpoint belongs to another app".to_owned());
+            }
+            // On the wire all apps of the host are one participant, so that this asserts for the others as well.
+            ToLayer::AssertLiveliness => self.discovery.assert_liveliness(now, true),
+        }
+        self.settle();
+    }
+
+    /// The app is gone: its endpoints are withdrawn.
+    pub fn detach(&mut self, now: Instant, slot: u8) {
+        let Some(app) = self.apps.remove(slot) else {
+            return;
+        };
+        for declared in app.endpoints.into_values() {
+            self.withdraw_declared(now, &declared);
+        }
+        self.forget(StoreKey::app(slot));
+        self.refresh_automatic_lease(now);
+        self.settle();
+    }
+
+    /// Reads a datagram that came to the layer's own sockets from `source`.
+    pub fn handle_datagram(
+        &mut self,
+        now: Instant,
+        source: SocketAddr,
+        datagram: &[u8],
+    ) -> Result<(), WireError> {
+        let result = self.discovery.handle_datagram(now, source, datagram);
+        self.settle();
+        result
+    }
+
+    /// The low-level layer saw traffic of a participant at `at`: its lease holds from then. To be said before
+    /// [`handle_timeout`](Self::handle_timeout), which ends leases.
+    pub fn seen(&mut self, at: Instant, participant: GuidPrefix) {
+        self.discovery.seen(at, participant);
+    }
+
+    /// Does what is due.
+    pub fn handle_timeout(&mut self, now: Instant) {
+        self.discovery.handle_timeout(now);
+        self.end_grace(now);
+        self.settle();
+    }
+
+    /// When [`handle_timeout`](Self::handle_timeout) is to be called at the latest.
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        let timers = [self.discovery.poll_timeout(), self.apps.poll_timeout()];
+        timers.into_iter().flatten().min()
+    }
+
+    /// Leaves the domain: remote participants forget this one and all of its endpoints at once. Drain the outputs
+    /// once more, then drop the layer.
+    pub fn shutdown(&mut self, _now: Instant) {
+        self.discovery.leave();
+    }
+
+    /// The next thing to do; a datagram to be sent is put into `out`, replacing what is there.
+    pub fn poll_output(&mut self, now: Instant, out: &mut Vec<u8>) -> Option<LayerOutput> {
+        if let Some(output) = self.outputs.pop_front() {
+            return Some(output);
+        }
+        self.discovery
+            .poll_transmit(now, out)
+            .map(LayerOutput::Transmit)
+    }
+
+    fn refuse(&mut self, slot: u8, reason: String) {
+        self.reply(slot, FromLayer::Refused { reason });
+    }
+
+    /// Tells an app, or notes it until the app is back.
+    fn reply(&mut self, slot: u8, message: FromLayer) {
+        match self.apps.get_mut(slot) {
+            Some(App {
+                backlog: Some(backlog),
+                ..
+            }) => backlog.push(message),
+            Some(_) => self.outputs.push_back(LayerOutput::Reply { slot, message }),
+            None => {}
+        }
+    }
+
+    fn kernel(&mut self, change: KernelChange) {
+        self.outputs.push_back(LayerOutput::Kernel(change));
+    }
+
+    /// Keeps a record; false, and an older one forgotten, where it is too large.
+    fn store(&mut self, record: Record) -> bool {
+        let key = record.key();
+        let value = record.encode();
+        let is_stored = value.is_some();
+        let change = match value {
+            Some(value) => StoreChange::Store { key, value },
+            None => StoreChange::Forget(key),
+        };
+        self.outputs.push_back(LayerOutput::Store(change));
+        is_stored
+    }
+
+    fn forget(&mut self, key: StoreKey) {
+        self.outputs
+            .push_back(LayerOutput::Store(StoreChange::Forget(key)));
+    }
+}

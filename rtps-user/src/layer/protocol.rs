@@ -1,0 +1,131 @@
+//! The layer protocol: what an app and the layer that it uses say to each other.
+//!
+//! The same values travel whatever carries them: a Unix `SOCK_SEQPACKET` socket to rtpsd (one postcard-encoded
+//! value a packet, the ring's and bell's descriptors beside [`FromLayer::Welcome`]) or a function call to the
+//! in-process layer. Samples never take this way.
+
+use serde::{Deserialize, Serialize};
+
+use crate::RemoteEndpoint;
+use crate::qos::{PolicyId, Qos};
+use crate::wire::{EntityId, Guid, GuidPrefix};
+
+/// Changes with every incompatible change of this file.
+pub const LAYER_PROTOCOL_VERSION: u32 = 1;
+
+/// The longest encoded value, in bytes; longer ones are refused before they are read.
+pub const MAX_PROTOCOL_MESSAGE: usize = 128 * 1024;
+
+/// What an app says.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub enum ToLayer {
+    /// The first message: who wants to use the layer.
+    Hello(Hello),
+    /// A new endpoint, or a declared one with changed policies.
+    Declare(Box<Endpoint>),
+    /// An endpoint is gone.
+    Withdraw(EntityId),
+    /// The app asserts the liveliness of its MANUAL_BY_PARTICIPANT writers.
+    AssertLiveliness,
+}
+
+/// What the layer says.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub enum FromLayer {
+    /// The answer to a hello.
+    Welcome(Welcome),
+    /// The hello, or a declaration, was refused, with a sentence for the user.
+    Refused {
+        /// Why, and what can be done.
+        reason: String,
+    },
+    /// A local endpoint has a new remote one, or the policies or locators of a matched one changed.
+    Matched {
+        /// The app's endpoint.
+        local: EntityId,
+        /// The other one; it may be of another app of the same layer.
+        remote: Box<RemoteEndpoint>,
+    },
+    /// A match is over.
+    Unmatched {
+        /// The app's endpoint.
+        local: EntityId,
+        /// The other one.
+        remote: Guid,
+    },
+    /// Topic and type fit, but a policy does not.
+    IncompatibleQos {
+        /// The app's endpoint.
+        local: EntityId,
+        /// The other one.
+        remote: Guid,
+        /// The first policy that does not fit.
+        policy: PolicyId,
+    },
+    /// Topic names are the same, but the types' names are not.
+    InconsistentTopic {
+        /// The app's endpoint.
+        local: EntityId,
+        /// The other one.
+        remote: Guid,
+    },
+    /// A remote participant asserted the liveliness of its writers of one kind (RTPS 8.4.13).
+    Liveliness {
+        /// The participant.
+        participant: GuidPrefix,
+        /// Whether it was for MANUAL_BY_PARTICIPANT writers; else for AUTOMATIC ones.
+        manual: bool,
+    },
+}
+
+/// Who wants to use the layer.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct Hello {
+    /// [`LAYER_PROTOCOL_VERSION`] of the app.
+    pub version: u32,
+    /// The DDS domain.
+    pub domain: u32,
+    /// The app's name, for people who look at the layer's status.
+    pub name: String,
+    /// The UDP port of the app's own socket, which serves as doorbell; 0 without.
+    pub doorbell_port: u16,
+    /// How large a ring the app wants, in bytes; rounded and capped by the layer.
+    pub ring_bytes: u32,
+    /// The slot that the app had before the layer's process was restarted.
+    pub resume: Option<Resume>,
+}
+
+/// Proves that a slot is the app's own.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
+pub struct Resume {
+    /// The slot.
+    pub slot: u8,
+    /// What the welcome said.
+    pub token: [u8; 16],
+}
+
+/// The layer takes the app.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct Welcome {
+    /// The app's number: the first byte of the keys of its entities.
+    pub slot: u8,
+    /// To be shown when the app comes back after a restart of the layer.
+    pub token: [u8; 16],
+    /// The GUID prefix of the host's participant, which the app's entities belong to.
+    pub prefix: GuidPrefix,
+    /// The most bytes of UDP payload that the app should send in one datagram, so that none is fragmented.
+    pub datagram_size: u16,
+}
+
+/// An endpoint of an app.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct Endpoint {
+    /// Its id; the first byte of the key is the app's slot, and the kind says writer or reader, with key or not.
+    pub entity: EntityId,
+    /// The topic's name.
+    pub topic: String,
+    /// The registered name of the topic's type.
+    pub type_name: String,
+    /// Its policies.
+    pub qos: Qos,
+}

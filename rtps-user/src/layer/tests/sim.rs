@@ -1,0 +1,298 @@
+//! Hosts, each with a layer, on a network in virtual time.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::net::SocketAddr;
+use std::time::{Duration, Instant};
+
+use rtps_ebpf::SlotSet;
+
+use crate::layer::protocol::{Endpoint, FromLayer, Hello, LAYER_PROTOCOL_VERSION, Resume, ToLayer};
+use crate::layer::{KernelChange, Layer, LayerConfig, LayerOutput, StoreChange, StoreKey};
+use crate::qos::{Qos, Reliability};
+use crate::wire::{EntityId, EntityKind, Guid, GuidPrefix, Submessage, Submessages};
+
+pub(super) const GROUP: SocketAddr = SocketAddr::V4(std::net::SocketAddrV4::new(
+    std::net::Ipv4Addr::new(239, 255, 0, 1),
+    7400,
+));
+const LATENCY: Duration = Duration::from_millis(1);
+
+/// A host: its layer, and what that has asked for.
+pub(super) struct Host {
+    pub(super) layer: Layer,
+    pub(super) address: SocketAddr,
+    pub(super) replies: Vec<(u8, FromLayer)>,
+    pub(super) routes: BTreeMap<Guid, SlotSet>,
+    pub(super) peers: Vec<GuidPrefix>,
+    pub(super) store: BTreeMap<StoreKey, Vec<u8>>,
+    /// Whether datagrams reach it and leave it.
+    pub(super) is_connected: bool,
+}
+
+struct Datagram {
+    at: Instant,
+    from: SocketAddr,
+    to: SocketAddr,
+    bytes: Vec<u8>,
+}
+
+/// The network.
+pub(super) struct Net {
+    pub(super) now: Instant,
+    pub(super) hosts: Vec<Host>,
+    flying: VecDeque<Datagram>,
+    /// So many of 100 datagrams are lost.
+    pub(super) loss: u64,
+    dice: u64,
+    pub(super) sent: usize,
+    /// Samples of endpoints that were sent.
+    pub(super) endpoint_samples: usize,
+}
+
+pub(super) fn prefix(number: usize) -> GuidPrefix {
+    let mut prefix = [7; 12];
+    prefix[..8].copy_from_slice(&(number as u64).to_be_bytes());
+    GuidPrefix(prefix)
+}
+
+pub(super) fn config(number: usize) -> LayerConfig {
+    let [.., high, low] = number.to_be_bytes();
+    let ip = [10, 0, high, low];
+    LayerConfig {
+        name: format!("host {number}"),
+        metatraffic: vec![(ip, 7410).into()],
+        user: vec![(ip, 7411).into()],
+        multicast: Some(GROUP),
+        ..LayerConfig::new(prefix(number), 0, ([127, 0, 0, 1], 7411).into())
+    }
+}
+
+pub(super) fn hello() -> Hello {
+    Hello {
+        version: LAYER_PROTOCOL_VERSION,
+        domain: 0,
+        name: "app".to_owned(),
+        doorbell_port: 0,
+        ring_bytes: 0,
+        resume: None,
+    }
+}
+
+pub(super) fn reliable() -> Qos {
+    Qos {
+        reliability: Reliability::RELIABLE,
+        ..Qos::default()
+    }
+}
+
+pub(super) fn endpoint(slot: u8, serial: u16, kind: EntityKind) -> Endpoint {
+    Endpoint {
+        entity: EntityId::of_app(slot, serial, kind),
+        topic: "Square".to_owned(),
+        type_name: "ShapeType".to_owned(),
+        qos: reliable(),
+    }
+}
+
+impl Net {
+    pub(super) fn new(hosts: usize) -> Self {
+        let now = Instant::now();
+        let mut net = Self {
+            now,
+            hosts: Vec::new(),
+            flying: VecDeque::new(),
+            loss: 0,
+            dice: 1,
+            sent: 0,
+            endpoint_samples: 0,
+        };
+        for number in 1..=hosts {
+            net.add(config(number));
+        }
+        net
+    }
+
+    pub(super) fn add(&mut self, config: LayerConfig) {
+        self.hosts.push(Host {
+            address: config.metatraffic[0],
+            layer: Layer::new(config, self.now),
+            replies: Vec::new(),
+            routes: BTreeMap::new(),
+            peers: Vec::new(),
+            store: BTreeMap::new(),
+            is_connected: true,
+        });
+    }
+
+    /// Starts a host's layer anew with what it has stored.
+    pub(super) fn restart(&mut self, host: usize, config: LayerConfig) {
+        let host = &mut self.hosts[host];
+        host.layer = Layer::new(config, self.now);
+        let records: Vec<_> = host
+            .store
+            .iter()
+            .map(|(key, value)| (*key, value.clone()))
+            .collect();
+        host.layer.restore(self.now, records);
+    }
+
+    pub(super) fn attach(&mut self, host: usize) -> u8 {
+        let host = &mut self.hosts[host];
+        host.layer
+            .attach(self.now, &hello(), [host.address.port() as u8; 16])
+            .unwrap()
+            .slot
+    }
+
+    pub(super) fn resume(&mut self, host: usize, slot: u8) -> u8 {
+        let host = &mut self.hosts[host];
+        let token = [host.address.port() as u8; 16];
+        let mut hello = hello();
+        hello.resume = Some(Resume { slot, token });
+        host.layer.attach(self.now, &hello, [99; 16]).unwrap().slot
+    }
+
+    pub(super) fn declare(&mut self, host: usize, endpoint: Endpoint) -> Guid {
+        let guid = Guid::new(prefix(host + 1), endpoint.entity);
+        let request = ToLayer::Declare(Box::new(endpoint));
+        self.request(host, guid.entity.slot(), request);
+        guid
+    }
+
+    pub(super) fn request(&mut self, host: usize, slot: u8, request: ToLayer) {
+        let now = self.now;
+        self.hosts[host].layer.handle_request(now, slot, request);
+        self.drain(host);
+    }
+
+    /// What a host has told its apps since the last call.
+    pub(super) fn replies(&mut self, host: usize) -> Vec<(u8, FromLayer)> {
+        self.drain(host);
+        std::mem::take(&mut self.hosts[host].replies)
+    }
+
+    /// Injects a datagram.
+    pub(super) fn inject(&mut self, from: SocketAddr, to: SocketAddr, bytes: Vec<u8>) {
+        self.flying.push_back(Datagram {
+            at: self.now,
+            from,
+            to,
+            bytes,
+        });
+    }
+
+    /// Lets time pass.
+    pub(super) fn run(&mut self, time: Duration) {
+        let end = self.now + time;
+        for host in 0..self.hosts.len() {
+            self.drain(host);
+        }
+        loop {
+            let timers = self
+                .hosts
+                .iter()
+                .filter_map(|host| host.layer.poll_timeout());
+            let arrival = self.flying.front().map(|datagram| datagram.at);
+            let Some(next) = timers.chain(arrival).min().filter(|next| *next <= end) else {
+                break;
+            };
+            assert!(
+                next + Duration::from_secs(1) > self.now,
+                "a timer stays due"
+            );
+            self.now = self.now.max(next);
+            self.deliver();
+            for host in 0..self.hosts.len() {
+                let layer = &mut self.hosts[host].layer;
+                if layer.poll_timeout().is_some_and(|due| due <= self.now) {
+                    layer.handle_timeout(self.now);
+                    self.drain(host);
+                }
+            }
+        }
+        self.now = end;
+    }
+
+    fn deliver(&mut self) {
+        while let Some(datagram) = self.flying.pop_front_if(|datagram| datagram.at <= self.now) {
+            for index in 0..self.hosts.len() {
+                let host = &mut self.hosts[index];
+                let is_for_it = datagram.to == GROUP || datagram.to == host.address;
+                if is_for_it && host.is_connected {
+                    // Errors are the business of the tests that inject garbage.
+                    let _ = host
+                        .layer
+                        .handle_datagram(self.now, datagram.from, &datagram.bytes);
+                    self.drain(index);
+                }
+            }
+        }
+    }
+
+    fn drain(&mut self, index: usize) {
+        let host = &mut self.hosts[index];
+        let mut out = Vec::new();
+        while let Some(output) = host.layer.poll_output(self.now, &mut out) {
+            match output {
+                LayerOutput::Transmit(transmit) => {
+                    self.endpoint_samples += endpoint_samples(&out);
+                    for to in transmit.destinations.iter() {
+                        self.sent += 1;
+                        self.dice = self
+                            .dice
+                            .wrapping_mul(6_364_136_223_846_793_005)
+                            .wrapping_add(1);
+                        let is_lost = (self.dice >> 33) % 100 < self.loss;
+                        if host.is_connected && !is_lost {
+                            self.flying.push_back(Datagram {
+                                at: self.now + LATENCY,
+                                from: host.address,
+                                to: *to,
+                                bytes: out.clone(),
+                            });
+                        }
+                    }
+                }
+                LayerOutput::Reply { slot, message } => {
+                    check_route(&host.routes, slot, &message);
+                    host.replies.push((slot, message));
+                }
+                LayerOutput::Kernel(KernelChange::Route { writer, slots }) => {
+                    if slots.is_empty() {
+                        host.routes.remove(&writer);
+                    } else {
+                        host.routes.insert(writer, slots);
+                    }
+                }
+                LayerOutput::Kernel(KernelChange::Peer(prefix)) => host.peers.push(prefix),
+                LayerOutput::Kernel(KernelChange::ForgetPeer(prefix)) => {
+                    host.peers.retain(|peer| *peer != prefix);
+                }
+                LayerOutput::Store(StoreChange::Store { key, value }) => {
+                    host.store.insert(key, value);
+                }
+                LayerOutput::Store(StoreChange::Forget(key)) => {
+                    host.store.remove(&key);
+                }
+            }
+        }
+    }
+}
+
+/// The kernel must deliver what a writer sends before an app learns of the match.
+fn check_route(routes: &BTreeMap<Guid, SlotSet>, slot: u8, message: &FromLayer) {
+    if let FromLayer::Matched { local, remote } = message
+        && local.is_reader()
+    {
+        assert!(routes[&remote.guid].contains(slot));
+    }
+}
+
+fn endpoint_samples(datagram: &[u8]) -> usize {
+    let (_, submessages) = Submessages::parse(datagram).unwrap();
+    submessages
+        .filter(|submessage| {
+            matches!(submessage, Ok(Submessage::Data(data)) if data.writer != EntityId::SPDP_WRITER)
+        })
+        .count()
+}

@@ -1,0 +1,20 @@
+//! The high-level RTPS layer: everything of the protocol that is not I/O.
+//!
+//! Bytes, commands and the current time go in; datagrams to send, events, and wanted changes of kernel maps come
+//! out. Nothing in here has a socket, a thread, a clock or a random number, so that all of it runs in virtual
+//! time (see the tests), and the kernel layer and the in-process layer run the very same code.
+#![forbid(unsafe_code)]
+
+pub mod discovery;
+pub mod endpoints;
+pub mod history;
+pub mod layer;
+pub mod qos;
+pub mod reader;
+mod remote;
+mod transmit;
+pub mod wire;
+pub mod writer;
+
+pub use remote::RemoteEndpoint;
+pub use transmit::Transmit;

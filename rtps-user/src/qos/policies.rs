@@ -1,0 +1,219 @@
+//! One type per policy, with the defaults of DDS 1.4 table 2.2.3 for readers; writers differ in RELIABILITY,
+//! whose default the DCPS API sets.
+
+use serde::{Deserialize, Serialize};
+
+use crate::wire::Duration;
+
+/// QosPolicyId_t: names a policy in an incompatible-QoS status.
+#[derive(Clone, Copy, Debug, Deserialize, Eq, Hash, PartialEq, Serialize)]
+pub enum PolicyId {
+    /// DURABILITY.
+    Durability = 2,
+    /// PRESENTATION.
+    Presentation = 3,
+    /// DEADLINE.
+    Deadline = 4,
+    /// LATENCY_BUDGET.
+    LatencyBudget = 5,
+    /// OWNERSHIP.
+    Ownership = 6,
+    /// LIVELINESS.
+    Liveliness = 8,
+    /// RELIABILITY.
+    Reliability = 11,
+    /// DESTINATION_ORDER.
+    DestinationOrder = 12,
+    /// DATA_REPRESENTATION.
+    DataRepresentation = 23,
+}
+
+/// RELIABILITY: whether lost samples are repeated. Ordered: what is offered must be at least what is requested.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, PartialEq, Serialize)]
+pub enum Reliability {
+    /// Lost samples stay lost.
+    #[default]
+    BestEffort,
+    /// Lost samples are repeated; a write waits this long for room in the history.
+    Reliable {
+        /// How long a write may wait.
+        max_blocking_time: Duration,
+    },
+}
+
+impl Reliability {
+    /// RELIABLE with the default of 100 ms for a blocked write.
+    pub const RELIABLE: Self = Self::Reliable {
+        max_blocking_time: Duration {
+            seconds: 0,
+            fraction: 0x1999_999a,
+        },
+    };
+
+    /// Whether it is RELIABLE.
+    pub fn is_reliable(self) -> bool {
+        matches!(self, Self::Reliable { .. })
+    }
+}
+
+/// DURABILITY: what a late-joining reader gets.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, Ord, PartialEq, PartialOrd, Serialize)]
+pub enum Durability {
+    /// Nothing of the past.
+    #[default]
+    Volatile,
+    /// What the writer keeps while it lives.
+    TransientLocal,
+    /// As TRANSIENT_LOCAL here: there is no durability service.
+    Transient,
+    /// As TRANSIENT_LOCAL here: there is no durability service.
+    Persistent,
+}
+
+/// HISTORY: how many samples of each instance are kept.
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
+pub enum History {
+    /// The newest so many of each instance.
+    KeepLast(u32),
+    /// All, up to RESOURCE_LIMITS.
+    KeepAll,
+}
+
+impl Default for History {
+    fn default() -> Self {
+        Self::KeepLast(1)
+    }
+}
+
+/// RESOURCE_LIMITS; `None` is unlimited.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, PartialEq, Serialize)]
+pub struct ResourceLimits {
+    /// Samples of all instances.
+    pub max_samples: Option<u32>,
+    /// Instances.
+    pub max_instances: Option<u32>,
+    /// Samples of one instance.
+    pub max_samples_per_instance: Option<u32>,
+}
+
+/// DEADLINE: the longest time between two samples of an instance.
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
+pub struct Deadline(pub Duration);
+
+impl Default for Deadline {
+    fn default() -> Self {
+        Self(Duration::INFINITE)
+    }
+}
+
+/// LATENCY_BUDGET: how long delivery may be put off to save work.
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
+pub struct LatencyBudget(pub Duration);
+
+impl Default for LatencyBudget {
+    fn default() -> Self {
+        Self(Duration::ZERO)
+    }
+}
+
+/// Who asserts that a writer is alive. Ordered: what is offered must be at least what is requested.
+#[derive(
+    Clone, Copy, Debug, Default, Deserialize, Eq, Hash, Ord, PartialEq, PartialOrd, Serialize,
+)]
+pub enum LivelinessKind {
+    /// The layer, as long as the app's process lives.
+    #[default]
+    Automatic,
+    /// The app, by any of its writers or by itself.
+    ManualByParticipant,
+    /// The app, by this writer.
+    ManualByTopic,
+}
+
+/// LIVELINESS.
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
+pub struct Liveliness {
+    /// Who asserts.
+    pub kind: LivelinessKind,
+    /// How long an assertion holds.
+    pub lease: Duration,
+}
+
+impl Default for Liveliness {
+    fn default() -> Self {
+        Self {
+            kind: LivelinessKind::Automatic,
+            lease: Duration::INFINITE,
+        }
+    }
+}
+
+/// OWNERSHIP and OWNERSHIP_STRENGTH.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, PartialEq, Serialize)]
+pub enum Ownership {
+    /// All writers may update an instance.
+    #[default]
+    Shared,
+    /// Only the strongest writer's updates count.
+    Exclusive {
+        /// The writer's strength; without meaning for readers.
+        strength: i32,
+    },
+}
+
+/// DESTINATION_ORDER. Ordered: what is offered must be at least what is requested.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, Ord, PartialEq, PartialOrd, Serialize)]
+pub enum DestinationOrder {
+    /// In the order of arrival.
+    #[default]
+    ByReceptionTimestamp,
+    /// In the order of writing.
+    BySourceTimestamp,
+}
+
+/// What coherent and ordered access span. Ordered: what is offered must be at least what is requested.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, Ord, PartialEq, PartialOrd, Serialize)]
+pub enum PresentationScope {
+    /// Each instance by itself.
+    #[default]
+    Instance,
+    /// All instances of a writer.
+    Topic,
+    /// All writers of a publisher.
+    Group,
+}
+
+/// PRESENTATION.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, PartialEq, Serialize)]
+pub struct Presentation {
+    /// What the two flags span.
+    pub scope: PresentationScope,
+    /// Coherent sets become visible as a whole.
+    pub coherent: bool,
+    /// The order of writing is kept across what the scope spans.
+    pub ordered: bool,
+}
+
+/// PARTITION: names, with wildcards `*`, `?` and `[...]`; none is the partition with the empty name.
+#[derive(Clone, Debug, Default, Deserialize, Eq, PartialEq, Serialize)]
+pub struct Partition(pub Vec<String>);
+
+/// LIFESPAN: how long a sample is worth something.
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
+pub struct Lifespan(pub Duration);
+
+impl Default for Lifespan {
+    fn default() -> Self {
+        Self(Duration::INFINITE)
+    }
+}
+
+/// TIME_BASED_FILTER: the least time between two samples of an instance that a reader wants.
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
+pub struct TimeBasedFilter(pub Duration);
+
+impl Default for TimeBasedFilter {
+    fn default() -> Self {
+        Self(Duration::ZERO)
+    }
+}

@@ -1,0 +1,139 @@
+//! Reading and taking: which samples are handed out, and the states and ranks that go with them
+//! (DDS 1.4 sections 2.2.2.5.1 and 2.2.2.5.3.8).
+
+use bytes::Bytes;
+
+use super::cache::Cache;
+use super::entries::Entry;
+use super::instance::Instance;
+use super::{Sample, SampleInfo, SampleState, Selection, ViewState};
+
+/// Whether samples stay.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub(super) enum Access {
+    Read,
+    Take,
+}
+
+impl Cache {
+    /// Hands out up to `max` samples that `selection` selects, in the order of arrival.
+    pub(super) fn collect(
+        &mut self,
+        max: usize,
+        selection: &Selection,
+        access: Access,
+    ) -> Vec<Sample> {
+        let chosen: Vec<u32> = self.select(selection).take(max).collect();
+        let mut samples: Vec<Sample> = chosen
+            .iter()
+            .map(|place| self.sample(*place, access))
+            .collect();
+        for (place, sample) in chosen.iter().zip(&mut samples).rev() {
+            self.rank(*place, &mut sample.info);
+        }
+        for place in chosen {
+            self.accessed(place, access);
+        }
+        samples
+    }
+
+    /// Whether there is a sample that `selection` selects.
+    pub(super) fn has_matching(&self, selection: &Selection) -> bool {
+        self.select(selection).next().is_some()
+    }
+
+    fn select<'a>(&'a self, selection: &'a Selection) -> impl Iterator<Item = u32> + 'a {
+        let mut next = match selection.instance {
+            Some(key) => self.samples_of(key),
+            None => self.entries.arrival(),
+        }
+        .first();
+        std::iter::from_fn(move || {
+            let place = next?;
+            next = match selection.instance {
+                Some(_) => self.entries.next_sibling(place),
+                None => self.entries.next_arrival(place),
+            };
+            Some(place)
+        })
+        .filter(|place| self.is_selected(*place, selection))
+    }
+
+    fn is_selected(&self, place: u32, selection: &Selection) -> bool {
+        let entry = self.entries.get(place);
+        let instance = &self.instances[entry.instance];
+        selection.sample_states.contains(sample_state(entry))
+            && selection.view_states.contains(instance.view)
+            && selection.instance_states.contains(instance.state)
+    }
+
+    fn sample(&mut self, place: u32, access: Access) -> Sample {
+        let entry = self.entries.get_mut(place);
+        let instance = &self.instances[entry.instance];
+        let info = info(entry, instance);
+        // A handle is not free: the first clone of a payload allocates.
+        let payload: Bytes = match access {
+            Access::Read => entry.payload.clone(),
+            Access::Take => std::mem::take(&mut entry.payload),
+        };
+        Sample { payload, info }
+    }
+
+    /// Fills in the ranks; called from the last sample of a collection to its first.
+    fn rank(&mut self, place: u32, info: &mut SampleInfo) {
+        let entry = self.entries.get(place);
+        let generation = entry.generation();
+        let instance = &mut self.instances[entry.instance];
+        let (following, newest) = match instance.collected {
+            (0, _) => (0, generation),
+            collected => collected,
+        };
+        instance.collected = (following + 1, newest);
+        info.sample_rank = following;
+        info.generation_rank = newest.saturating_sub(generation);
+        info.absolute_generation_rank = instance.generation().saturating_sub(generation);
+    }
+
+    /// Removes a taken sample or marks a read one, and its instance as seen.
+    fn accessed(&mut self, place: u32, access: Access) {
+        let entry = self.entries.get_mut(place);
+        let was_read = std::mem::replace(&mut entry.read, true);
+        let instance = entry.instance;
+        if !was_read {
+            self.unread_count -= 1;
+        }
+        self.instances[instance].view = ViewState::NotNew;
+        self.instances[instance].collected = (0, 0);
+        if access == Access::Take {
+            self.remove(place);
+            self.review(instance);
+        }
+    }
+}
+
+fn sample_state(entry: &Entry) -> SampleState {
+    if entry.read {
+        SampleState::Read
+    } else {
+        SampleState::NotRead
+    }
+}
+
+fn info(entry: &Entry, instance: &Instance) -> SampleInfo {
+    SampleInfo {
+        valid_data: entry.valid_data,
+        instance: instance.key,
+        writer: entry.writer,
+        sequence: entry.sequence,
+        source_timestamp: entry.timestamp,
+        reception: entry.reception,
+        sample_state: sample_state(entry),
+        view_state: instance.view,
+        instance_state: instance.state,
+        disposed_generation_count: entry.disposed_generation,
+        no_writers_generation_count: entry.no_writers_generation,
+        sample_rank: 0,
+        generation_rank: 0,
+        absolute_generation_rank: 0,
+    }
+}

@@ -1,0 +1,193 @@
+//! ACKNACK and NACK_FRAG: when and what a reliable reader answers (RTPS 2.5 sections 8.3.8.1, 8.3.8.11 and
+//! 8.4.12.2).
+//!
+//! A number that has been asked for is not asked for again while its repair may be on the way; a number of which
+//! fragments have come is asked for by fragments.
+
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+use super::writer_proxy::WriterProxy;
+use super::{ReaderConfig, ReaderTiming};
+use crate::wire::{AckNack, MessageWriter, NackFrag, SequenceNumber, SequenceNumberSet};
+
+/// Requests that are remembered; of older ones it is forgotten that they were made.
+const MAX_REQUESTS: usize = 16;
+/// Bytes of a message with INFO_DST and the longest ACKNACK.
+const ACKNACK_MESSAGE_LEN: usize = 20 + 16 + 60;
+/// Bytes of a NACK_FRAG with a full bitmap and its header.
+const NACK_FRAG_LEN: usize = 68;
+
+/// What has been answered to one writer.
+#[derive(Debug, Default)]
+pub(super) struct Responder {
+    /// The writer wants an answer even where nothing is missing.
+    requested: bool,
+    /// The base of the last ACKNACK.
+    acknowledged: SequenceNumber,
+    acknack_count: i32,
+    nack_frag_count: i32,
+    requests: VecDeque<Request>,
+    /// How long to wait for an answer to the last greeting.
+    patience: Duration,
+}
+
+/// Numbers that were asked for together.
+#[derive(Clone, Copy, Debug)]
+struct Request {
+    first: SequenceNumber,
+    last: SequenceNumber,
+    at: Instant,
+}
+
+impl Responder {
+    pub(super) fn resume(&mut self, count: i32) {
+        self.acknack_count = count;
+        self.nack_frag_count = count;
+    }
+
+    /// An ACKNACK is due even where nothing is missing.
+    pub(super) fn request(&mut self) {
+        self.requested = true;
+    }
+
+    /// Until when `number` is not to be asked for, because it has been lately.
+    fn suppressed(&self, number: SequenceNumber, timing: &ReaderTiming) -> Option<Instant> {
+        let covers = |request: &&Request| request.first <= number && number <= request.last;
+        let latest = self.requests.iter().rev().find(covers)?;
+        latest.at.checked_add(timing.nack_suppression)
+    }
+
+    fn remember(&mut self, now: Instant, timing: &ReaderTiming, asked: &SequenceNumberSet) {
+        self.requests
+            .retain(|request| request.at + timing.nack_suppression > now);
+        if let Some(first) = asked.iter().next() {
+            if self.requests.len() >= MAX_REQUESTS {
+                self.requests.pop_front();
+            }
+            let last = asked.iter().last().unwrap_or(first);
+            self.requests.push_back(Request {
+                first,
+                last,
+                at: now,
+            });
+        }
+    }
+
+    /// Counts go up from 1; the first must be greater than what writers start to compare with, 0.
+    fn next_acknack_count(&mut self) -> i32 {
+        self.acknack_count = self.acknack_count.wrapping_add(1);
+        self.acknack_count
+    }
+
+    fn next_nack_frag_count(&mut self) -> i32 {
+        self.nack_frag_count = self.nack_frag_count.wrapping_add(1);
+        self.nack_frag_count
+    }
+}
+
+impl WriterProxy {
+    /// Writes the ACKNACK that greets the writer, so that it tells what it has; returns how long to wait for an
+    /// answer.
+    pub(super) fn greet(&mut self, config: &ReaderConfig, out: &mut Vec<u8>) -> Duration {
+        let ReaderTiming {
+            greeting_period: shortest,
+            greeting_period_max: longest,
+            ..
+        } = config.timing;
+        let patience = (2 * self.responder.patience).clamp(shortest, longest.max(shortest));
+        self.responder.patience = patience;
+        let state = SequenceNumberSet::empty(self.greeting_base());
+        let mut message = MessageWriter::new(out, config.guid.prefix);
+        message.info_destination(self.guid.prefix);
+        message.acknack(&self.acknack(config, state, false));
+        patience
+    }
+
+    /// Writes what is to be answered to the writer now; returns whether there is something to send, and when to
+    /// try again for what must not be asked for yet.
+    pub(super) fn respond(
+        &mut self,
+        now: Instant,
+        config: &ReaderConfig,
+        out: &mut Vec<u8>,
+    ) -> (bool, Option<Instant>) {
+        let timing = &config.timing;
+        let (missing, mut again) = self.missing_now(now, timing);
+        self.responder.remember(now, timing, &missing);
+        let asks = self.filter.ask();
+        let room = config.datagram_size.saturating_sub(ACKNACK_MESSAGE_LEN) / NACK_FRAG_LEN;
+        let announced = self.announced();
+        let (fragments, later) = self
+            .reassembly
+            .requests(now, announced, timing, room.max(1));
+        again = [again, later].into_iter().flatten().min();
+        // An answer that says nothing new can wait for what is to be asked for soon.
+        let says_nothing = missing.is_empty()
+            && fragments.is_empty()
+            && again.is_some()
+            && self.responder.acknowledged == self.base();
+        let answers = self.responder.requested && !says_nothing;
+        let acknack = answers || asks || !missing.is_empty();
+        self.responder.requested &= !acknack;
+
+        let mut message = MessageWriter::new(out, config.guid.prefix);
+        message.info_destination(self.guid.prefix);
+        if acknack {
+            let is_final = missing.is_empty() && !asks;
+            message.acknack(&self.acknack(config, missing, is_final));
+        }
+        let mut sent = acknack;
+        for request in fragments {
+            message.nack_frag(&NackFrag {
+                reader: config.guid.entity,
+                writer: self.guid.entity,
+                sequence: request.sequence,
+                missing: request.missing,
+                count: self.responder.next_nack_frag_count(),
+            });
+            sent = true;
+        }
+        (sent, again)
+    }
+
+    /// The numbers to ask for now, and when others may be asked for again.
+    fn missing_now(
+        &self,
+        now: Instant,
+        timing: &ReaderTiming,
+    ) -> (SequenceNumberSet, Option<Instant>) {
+        let mut set = SequenceNumberSet::empty(self.base());
+        let mut again = None;
+        for number in self.missing() {
+            if self.reassembly.contains(number) {
+                continue;
+            }
+            match self.responder.suppressed(number, timing) {
+                Some(until) if until > now => {
+                    again = [again, Some(until)].into_iter().flatten().min();
+                }
+                _ => {
+                    set.insert(number);
+                }
+            }
+        }
+        (set, again)
+    }
+
+    fn acknack(
+        &mut self,
+        config: &ReaderConfig,
+        state: SequenceNumberSet,
+        is_final: bool,
+    ) -> AckNack {
+        self.responder.acknowledged = state.base;
+        AckNack {
+            reader: config.guid.entity,
+            writer: self.guid.entity,
+            state,
+            count: self.responder.next_acknack_count(),
+            is_final,
+        }
+    }
+}

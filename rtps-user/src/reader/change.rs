@@ -1,0 +1,122 @@
+//! A change as it comes from a writer, and what it means to a reader (RTPS 2.5 sections 8.2.1.3 and 9.6.4).
+
+use std::time::Instant;
+
+use bytes::Bytes;
+
+use super::ReaderConfig;
+use crate::wire::{Guid, InlineQos, KeyHash, PayloadKind, SequenceNumber, StatusInfo, Timestamp};
+
+/// A change that is worth keeping.
+#[derive(Debug)]
+pub(super) struct Change {
+    pub(super) writer: Guid,
+    pub(super) sequence: SequenceNumber,
+    pub(super) timestamp: Option<Timestamp>,
+    pub(super) reception: Instant,
+    pub(super) instance: KeyHash,
+    pub(super) status: StatusInfo,
+    pub(super) valid_data: bool,
+    pub(super) payload: Bytes,
+}
+
+impl Change {
+    /// The news that an instance has lost its last writer without a word from it.
+    pub(super) fn orphaned(instance: KeyHash, writer: Guid, now: Instant) -> Self {
+        Self {
+            writer,
+            sequence: SequenceNumber::UNKNOWN,
+            timestamp: None,
+            reception: now,
+            instance,
+            status: StatusInfo {
+                unregistered: true,
+                ..StatusInfo::default()
+            },
+            valid_data: false,
+            payload: Bytes::new(),
+        }
+    }
+}
+
+/// What a DATA and the DATA_FRAGs of a sample say of a change beside its payload.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Arrival {
+    pub(super) writer: Guid,
+    pub(super) sequence: SequenceNumber,
+    pub(super) timestamp: Option<Timestamp>,
+    pub(super) reception: Instant,
+    pub(super) inline_qos: InlineQos,
+    pub(super) kind: PayloadKind,
+}
+
+/// A serialized payload, still in its datagram or put together from fragments.
+#[derive(Debug)]
+pub(super) enum Payload<'a> {
+    Borrowed(&'a [u8]),
+    Owned(Bytes),
+}
+
+impl Payload<'_> {
+    pub(super) fn as_slice(&self) -> &[u8] {
+        match self {
+            Self::Borrowed(bytes) => bytes,
+            Self::Owned(bytes) => bytes,
+        }
+    }
+
+    pub(super) fn into_bytes(self) -> Bytes {
+        match self {
+            Self::Borrowed(bytes) => Bytes::copy_from_slice(bytes),
+            Self::Owned(bytes) => bytes,
+        }
+    }
+}
+
+/// What a change is to this reader.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub(super) enum Meaning {
+    /// An update of this instance.
+    Update(KeyHash),
+    /// Nothing: its writer filtered it out, or it says nothing.
+    Irrelevant,
+    /// Its instance cannot be told from its payload.
+    Malformed,
+}
+
+impl Arrival {
+    /// Finds out what the change means.
+    pub(super) fn meaning(&self, config: &ReaderConfig, payload: &[u8]) -> Meaning {
+        let status = self.inline_qos.status;
+        let has_data = self.kind == PayloadKind::Data;
+        if status.filtered || (status.is_alive() && !has_data) {
+            return Meaning::Irrelevant;
+        }
+        if !config.guid.entity.has_key() {
+            return Meaning::Update(KeyHash::default());
+        }
+        if let Some(hash) = self.inline_qos.key_hash {
+            return Meaning::Update(hash);
+        }
+        match (&config.instance_of, self.kind) {
+            (_, PayloadKind::None) => Meaning::Malformed,
+            (None, _) => Meaning::Update(KeyHash::default()),
+            (Some(instance_of), kind) => {
+                instance_of(kind, payload).map_or(Meaning::Malformed, Meaning::Update)
+            }
+        }
+    }
+
+    pub(super) fn into_change(self, instance: KeyHash, payload: Bytes) -> Change {
+        Change {
+            writer: self.writer,
+            sequence: self.sequence,
+            timestamp: self.timestamp,
+            reception: self.reception,
+            instance,
+            status: self.inline_qos.status,
+            valid_data: self.kind == PayloadKind::Data,
+            payload,
+        }
+    }
+}

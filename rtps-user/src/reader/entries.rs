@@ -1,0 +1,165 @@
+//! The samples of a cache, each a member of two lists: all in the order of arrival, and those of its instance.
+
+use std::time::Instant;
+
+use bytes::Bytes;
+
+use super::slab::Slab;
+use crate::wire::{Guid, SequenceNumber, Timestamp};
+
+const NONE: u32 = u32::MAX;
+
+/// A sample in a cache.
+#[derive(Debug)]
+pub(super) struct Entry {
+    pub(super) payload: Bytes,
+    pub(super) valid_data: bool,
+    pub(super) read: bool,
+    pub(super) writer: Guid,
+    pub(super) sequence: SequenceNumber,
+    pub(super) timestamp: Option<Timestamp>,
+    pub(super) reception: Instant,
+    pub(super) disposed_generation: u32,
+    pub(super) no_writers_generation: u32,
+    /// Where its instance is.
+    pub(super) instance: u32,
+}
+
+impl Entry {
+    /// Both generation counts together, for the ranks.
+    pub(super) fn generation(&self) -> u32 {
+        self.disposed_generation
+            .wrapping_add(self.no_writers_generation)
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Links {
+    previous: u32,
+    next: u32,
+}
+
+#[derive(Debug)]
+struct Node {
+    entry: Entry,
+    arrival: Links,
+    sibling: Links,
+}
+
+/// First and last of a list.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct List {
+    head: u32,
+    tail: u32,
+}
+
+impl Default for List {
+    fn default() -> Self {
+        Self {
+            head: NONE,
+            tail: NONE,
+        }
+    }
+}
+
+impl List {
+    pub(super) fn first(self) -> Option<u32> {
+        (self.head != NONE).then_some(self.head)
+    }
+
+    pub(super) fn last(self) -> Option<u32> {
+        (self.tail != NONE).then_some(self.tail)
+    }
+
+    pub(super) fn is_empty(self) -> bool {
+        self.head == NONE
+    }
+}
+
+/// Which of its two lists.
+type Of = fn(&mut Node) -> &mut Links;
+
+/// The samples by their places, and the list of all.
+#[derive(Debug, Default)]
+pub(super) struct Entries {
+    nodes: Slab<Node>,
+    arrival: List,
+}
+
+impl Entries {
+    /// All in the order of arrival.
+    pub(super) fn arrival(&self) -> List {
+        self.arrival
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.nodes.len()
+    }
+
+    pub(super) fn get(&self, place: u32) -> &Entry {
+        &self.nodes[place].entry
+    }
+
+    pub(super) fn get_mut(&mut self, place: u32) -> &mut Entry {
+        &mut self.nodes[place].entry
+    }
+
+    /// The one that arrived after `place`.
+    pub(super) fn next_arrival(&self, place: u32) -> Option<u32> {
+        let next = self.nodes[place].arrival.next;
+        (next != NONE).then_some(next)
+    }
+
+    /// The one of the same instance that arrived after `place`.
+    pub(super) fn next_sibling(&self, place: u32) -> Option<u32> {
+        let next = self.nodes[place].sibling.next;
+        (next != NONE).then_some(next)
+    }
+
+    /// Adds an entry as the newest of all and of its instance.
+    pub(super) fn push(&mut self, siblings: &mut List, entry: Entry) {
+        let unlinked = Links {
+            previous: NONE,
+            next: NONE,
+        };
+        let place = self.nodes.insert(Node {
+            entry,
+            arrival: unlinked,
+            sibling: unlinked,
+        });
+        let mut arrival = self.arrival;
+        self.link(&mut arrival, place, |node| &mut node.arrival);
+        self.arrival = arrival;
+        self.link(siblings, place, |node| &mut node.sibling);
+    }
+
+    /// Removes an entry.
+    pub(super) fn remove(&mut self, siblings: &mut List, place: u32) -> Option<Entry> {
+        let mut arrival = self.arrival;
+        self.unlink(&mut arrival, place, |node| &mut node.arrival);
+        self.arrival = arrival;
+        self.unlink(siblings, place, |node| &mut node.sibling);
+        self.nodes.remove(place).map(|node| node.entry)
+    }
+
+    fn link(&mut self, list: &mut List, place: u32, of: Of) {
+        of(&mut self.nodes[place]).previous = list.tail;
+        match self.nodes.get_mut(list.tail) {
+            Some(last) => of(last).next = place,
+            None => list.head = place,
+        }
+        list.tail = place;
+    }
+
+    fn unlink(&mut self, list: &mut List, place: u32, of: Of) {
+        let Links { previous, next } = *of(&mut self.nodes[place]);
+        match self.nodes.get_mut(previous) {
+            Some(node) => of(node).next = next,
+            None => list.head = next,
+        }
+        match self.nodes.get_mut(next) {
+            Some(node) => of(node).previous = previous,
+            None => list.tail = previous,
+        }
+    }
+}

@@ -1,0 +1,459 @@
+//! The reader side of RTPS: stateful readers of both reliabilities with their cache (RTPS 2.5 section 8.4.11,
+//! DDS 1.4 section 2.2.2.5).
+//!
+//! Submessages go in with the writer that they come from and the time; datagrams with ACKNACKs and NACK_FRAGs,
+//! events and samples come out. The way of a sample: [`Reader::handle_data`] finds the writer's proxy
+//! (`writer_proxy`), which lets it through in order, into the cache (`cache`), from where [`Reader::take`]
+//! hands it out (`access`). What comes in fragments goes through `reassembly` first.
+
+mod access;
+mod acknack;
+mod cache;
+mod change;
+mod config;
+mod deadline;
+mod entries;
+mod event;
+mod events;
+mod heartbeat_filter;
+mod instance;
+mod liveliness;
+mod ranges;
+mod reassembly;
+mod sample;
+mod slab;
+#[cfg(test)]
+mod tests;
+mod timers;
+mod writer_proxy;
+
+pub use config::{InstanceOf, ReaderConfig, ReaderTiming};
+pub use event::{ReaderEvent, RejectedReason};
+pub use sample::{
+    InstanceState, Mask, Sample, SampleInfo, SampleState, Selection, State, ViewState,
+};
+
+use std::collections::hash_map::Entry;
+use std::collections::{BTreeSet, HashMap};
+use std::time::Instant;
+
+use crate::qos::Qos;
+use crate::wire::{
+    Data, DataFrag, Gap, Guid, GuidPrefix, Heartbeat, HeartbeatFrag, SequenceNumber, Timestamp,
+};
+use crate::{RemoteEndpoint, Transmit};
+use access::Access;
+use cache::Cache;
+use change::{Arrival, Payload};
+use events::Events;
+use liveliness::{Sign, Watch};
+use timers::Timers;
+use writer_proxy::WriterProxy;
+
+/// What is to be sent to a writer.
+#[derive(Clone, Copy, Debug, Eq, Hash, Ord, PartialEq, PartialOrd)]
+enum Message {
+    /// The ACKNACK that asks for its first HEARTBEAT.
+    Greeting,
+    /// What it is to know or to repeat.
+    Answer,
+}
+
+/// A reader with its proxies of matched writers and its cache.
+#[derive(Debug)]
+pub struct Reader {
+    config: ReaderConfig,
+    proxies: HashMap<Guid, WriterProxy>,
+    cache: Cache,
+    events: Events,
+    messages: Timers<(Guid, Message)>,
+    watch: Watch,
+    /// Writers for whose next change the cache had no room.
+    blocked: BTreeSet<Guid>,
+    /// When the last change came, for what happens without a clock at hand.
+    now: Option<Instant>,
+}
+
+impl Reader {
+    /// A reader without writers.
+    pub fn new(config: ReaderConfig) -> Self {
+        Self {
+            cache: Cache::new(&config.qos),
+            config,
+            proxies: HashMap::new(),
+            events: Events::default(),
+            messages: Timers::default(),
+            watch: Watch::default(),
+            blocked: BTreeSet::new(),
+            now: None,
+        }
+    }
+
+    /// Its name.
+    pub fn guid(&self) -> Guid {
+        self.config.guid
+    }
+
+    /// Its policies.
+    pub fn qos(&self) -> &Qos {
+        &self.config.qos
+    }
+
+    /// Changes policies that may change (DDS 1.4 section 2.2.3), for what arrives from now on.
+    pub fn set_qos(&mut self, qos: Qos) {
+        self.cache.set_qos(&qos);
+        self.config.qos = qos;
+    }
+
+    /// Matches a writer, or takes over the changed locators and policies of a matched one.
+    pub fn match_writer(&mut self, now: Instant, remote: &RemoteEndpoint) {
+        match self.proxies.entry(remote.guid) {
+            Entry::Occupied(mut known) => {
+                known.get_mut().update(remote);
+                self.watch.follow(remote.guid, &known.get().lease);
+            }
+            Entry::Vacant(vacant) => {
+                let proxy = vacant.insert(WriterProxy::new(now, &self.config, remote));
+                self.watch
+                    .begin(remote.guid, &proxy.lease, &mut self.events);
+                if proxy.is_reliable() {
+                    self.messages.set((remote.guid, Message::Greeting), now);
+                }
+            }
+        }
+    }
+
+    /// Forgets a writer; what is held of it because something before it is missing, or because there was no
+    /// room, is lost.
+    pub fn unmatch_writer(&mut self, now: Instant, writer: Guid) {
+        let Some(proxy) = self.proxies.remove(&writer) else {
+            return;
+        };
+        self.messages.cancel((writer, Message::Greeting));
+        self.messages.cancel((writer, Message::Answer));
+        self.blocked.remove(&writer);
+        self.events.lost(writer, proxy.held_count() as u64);
+        self.watch.end(writer, &proxy.lease, &mut self.events);
+        self.cache.writer_gone(now, writer, &mut self.events);
+    }
+
+    /// Whether a writer is matched.
+    pub fn is_matched(&self, writer: Guid) -> bool {
+        self.proxies.contains_key(&writer)
+    }
+
+    /// The matched writers, in no particular order.
+    pub fn matched_writers(&self) -> impl Iterator<Item = Guid> + '_ {
+        self.proxies.keys().copied()
+    }
+
+    /// DATA of a writer, with the source timestamp that the message said before it.
+    pub fn handle_data(
+        &mut self,
+        now: Instant,
+        writer: Guid,
+        timestamp: Option<Timestamp>,
+        data: &Data<'_>,
+    ) {
+        let Some(proxy) = self.proxies.get_mut(&writer) else {
+            return;
+        };
+        self.now = Some(now);
+        self.watch.heard(
+            now,
+            writer,
+            &mut proxy.lease,
+            Sign::Writer,
+            &mut self.events,
+        );
+        if !proxy.wants(data.sequence, data.payload.len()) {
+            return;
+        }
+        let arrival = Arrival {
+            writer,
+            sequence: data.sequence,
+            timestamp,
+            reception: now,
+            inline_qos: data.inline_qos,
+            kind: data.kind,
+        };
+        let payload = Payload::Borrowed(data.payload);
+        proxy.receive(
+            &self.config,
+            arrival,
+            payload,
+            &mut self.cache,
+            &mut self.events,
+        );
+        if proxy.is_blocked() {
+            self.blocked.insert(writer);
+        }
+    }
+
+    /// DATA_FRAG of a writer, with the source timestamp that the message said before it.
+    pub fn handle_data_frag(
+        &mut self,
+        now: Instant,
+        writer: Guid,
+        timestamp: Option<Timestamp>,
+        data: &DataFrag<'_>,
+    ) {
+        let Some(proxy) = self.proxies.get_mut(&writer) else {
+            return;
+        };
+        self.now = Some(now);
+        self.watch.heard(
+            now,
+            writer,
+            &mut proxy.lease,
+            Sign::Writer,
+            &mut self.events,
+        );
+        if !proxy.wants(data.sequence, data.sample_size as usize) {
+            return;
+        }
+        if data.sample_size as usize > self.config.max_sample_size {
+            // Waiting for it would hold up all that follows.
+            proxy.skip(data.sequence, &mut self.cache, &mut self.events);
+            self.events.lost(writer, 1);
+            return;
+        }
+        let Some(assembled) = proxy.reassembly.add(now, timestamp, data) else {
+            return;
+        };
+        let arrival = Arrival {
+            writer,
+            sequence: data.sequence,
+            timestamp: assembled.timestamp,
+            reception: now,
+            inline_qos: assembled.inline_qos,
+            kind: assembled.kind,
+        };
+        let payload = Payload::Owned(assembled.payload);
+        proxy.receive(
+            &self.config,
+            arrival,
+            payload,
+            &mut self.cache,
+            &mut self.events,
+        );
+        if proxy.is_blocked() {
+            self.blocked.insert(writer);
+        }
+    }
+
+    /// GAP of a writer.
+    pub fn handle_gap(&mut self, now: Instant, writer: Guid, gap: &Gap) {
+        let Some(proxy) = self.proxies.get_mut(&writer) else {
+            return;
+        };
+        self.now = Some(now);
+        self.watch.heard(
+            now,
+            writer,
+            &mut proxy.lease,
+            Sign::Protocol,
+            &mut self.events,
+        );
+        proxy.gap(gap, &mut self.cache, &mut self.events);
+        if proxy.is_blocked() {
+            self.blocked.insert(writer);
+        }
+    }
+
+    /// HEARTBEAT of a writer.
+    pub fn handle_heartbeat(&mut self, now: Instant, writer: Guid, heartbeat: &Heartbeat) {
+        let Some(proxy) = self.proxies.get_mut(&writer) else {
+            return;
+        };
+        self.now = Some(now);
+        let sign = if heartbeat.liveliness {
+            Sign::Writer
+        } else {
+            Sign::Protocol
+        };
+        self.watch
+            .heard(now, writer, &mut proxy.lease, sign, &mut self.events);
+        let timing = &self.config.timing;
+        let validity = timing.heartbeat_count_validity;
+        if !proxy.is_reliable() || !proxy.filter.is_new(now, heartbeat.count, validity) {
+            return;
+        }
+        if !proxy.has_heard() {
+            self.messages.cancel((writer, Message::Greeting));
+        }
+        if proxy.heartbeat(heartbeat, &mut self.cache, &mut self.events) {
+            let at = now + timing.heartbeat_response_delay;
+            self.messages.set_earlier((writer, Message::Answer), at);
+        }
+        if proxy.is_blocked() {
+            self.blocked.insert(writer);
+        }
+    }
+
+    /// HEARTBEAT_FRAG of a writer.
+    pub fn handle_heartbeat_frag(&mut self, now: Instant, writer: Guid, heartbeat: &HeartbeatFrag) {
+        let Some(proxy) = self.proxies.get_mut(&writer) else {
+            return;
+        };
+        self.watch.heard(
+            now,
+            writer,
+            &mut proxy.lease,
+            Sign::Protocol,
+            &mut self.events,
+        );
+        let (sequence, last) = (heartbeat.sequence, heartbeat.last_fragment);
+        if proxy.is_reliable() && proxy.reassembly.announce(sequence, last) {
+            let at = now + self.config.timing.heartbeat_response_delay;
+            self.messages.set_earlier((writer, Message::Answer), at);
+        }
+    }
+
+    /// A participant asserts the liveliness of its AUTOMATIC writers, or (`manual`) of those that its
+    /// application asserts by participant (RTPS 2.5 section 8.4.13.5).
+    pub fn handle_liveliness(&mut self, now: Instant, participant: GuidPrefix, manual: bool) {
+        let sign = if manual {
+            Sign::Participant
+        } else {
+            Sign::Protocol
+        };
+        for (writer, proxy) in &mut self.proxies {
+            if writer.prefix == participant {
+                self.watch
+                    .heard(now, *writer, &mut proxy.lease, sign, &mut self.events);
+            }
+        }
+    }
+
+    /// Does what is due but needs no datagram: leases and deadlines.
+    pub fn handle_timeout(&mut self, now: Instant) {
+        while let Some(writer) = self.watch.pop(now) {
+            let Some(proxy) = self.proxies.get_mut(&writer) else {
+                continue;
+            };
+            if self
+                .watch
+                .check(now, writer, &mut proxy.lease, &mut self.events)
+            {
+                self.cache.writer_gone(now, writer, &mut self.events);
+            }
+        }
+        self.cache.check_deadlines(now, &mut self.events);
+    }
+
+    /// When to call [`handle_timeout`](Self::handle_timeout) and [`poll_transmit`](Self::poll_transmit) at the
+    /// latest; may lie in the past.
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        [
+            self.messages.next(),
+            self.watch.next(),
+            self.cache.next_deadline(),
+        ]
+        .into_iter()
+        .flatten()
+        .min()
+    }
+
+    /// Writes the next datagram that is due, if any, into `out`.
+    pub fn poll_transmit(&mut self, now: Instant, out: &mut Vec<u8>) -> Option<Transmit> {
+        while let Some((writer, message)) = self.messages.pop(now) {
+            let Some(proxy) = self.proxies.get_mut(&writer) else {
+                continue;
+            };
+            let (sent, again) = match message {
+                Message::Greeting => {
+                    let patience = proxy.greet(&self.config, out);
+                    (true, Some(now + patience))
+                }
+                Message::Answer => proxy.respond(now, &self.config, out),
+            };
+            if let Some(at) = again {
+                self.messages.set((writer, message), at);
+            }
+            if sent && let Some(destinations) = proxy.destinations.clone() {
+                return Some(Transmit { destinations });
+            }
+        }
+        None
+    }
+
+    /// What has happened, oldest first but DATA_AVAILABLE before all.
+    pub fn poll_event(&mut self) -> Option<ReaderEvent> {
+        self.events.pop()
+    }
+
+    /// Takes up to `max` samples in the order of arrival; makes room for samples that could not be accepted.
+    pub fn take(&mut self, max: usize, selection: &Selection) -> Vec<Sample> {
+        let samples = self.cache.collect(max, selection, Access::Take);
+        if !samples.is_empty() && !self.blocked.is_empty() {
+            self.release();
+        }
+        samples
+    }
+
+    /// Reads up to `max` samples, which stay.
+    pub fn read(&mut self, max: usize, selection: &Selection) -> Vec<Sample> {
+        self.cache.collect(max, selection, Access::Read)
+    }
+
+    /// Whether there is a sample that has not been read.
+    pub fn has_data(&self) -> bool {
+        self.cache.unread_count > 0
+    }
+
+    /// Whether there is a sample that `selection` selects.
+    pub fn has_matching(&self, selection: &Selection) -> bool {
+        self.cache.has_matching(selection)
+    }
+
+    /// How many samples there are, read or not.
+    pub fn len(&self) -> usize {
+        self.cache.entries.len()
+    }
+
+    /// Whether there is no sample.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Goes on with a writer, matched just now, where an earlier run of this reader stopped: at change `next`,
+    /// counting ACKNACKs and NACK_FRAGs on from `count`. With `next` at most 1 only the counts go on.
+    pub fn resume_from(&mut self, writer: Guid, next: SequenceNumber, count: i32) {
+        if let Some(proxy) = self.proxies.get_mut(&writer) {
+            proxy.resume(next, count);
+        }
+    }
+
+    /// The number below which all changes of a matched writer have been received, or will not come.
+    pub fn progress(&self, writer: Guid) -> Option<SequenceNumber> {
+        self.proxies.get(&writer).map(WriterProxy::next)
+    }
+
+    /// Lets changes in that there was no room for, and tells their writers at once, because they may be waiting
+    /// for it.
+    fn release(&mut self) {
+        let Some(now) = self.now else {
+            return;
+        };
+        for writer in std::mem::take(&mut self.blocked) {
+            let Some(proxy) = self.proxies.get_mut(&writer) else {
+                continue;
+            };
+            let moved = proxy.advance(&mut self.cache, &mut self.events);
+            if proxy.is_blocked() {
+                self.blocked.insert(writer);
+            }
+            if moved {
+                proxy.responder.request();
+                let delay = if proxy.is_blocked() {
+                    self.config.timing.nack_suppression
+                } else {
+                    self.config.timing.heartbeat_response_delay
+                };
+                self.messages
+                    .set_earlier((writer, Message::Answer), now + delay);
+            }
+        }
+    }
+}

@@ -1,0 +1,338 @@
+//! Putting the fragments of large samples together (RTPS 2.5 sections 8.4.14.1 and 8.3.8.3).
+//!
+//! Fragments are copied straight to where they belong in the sample. Nothing is believed in advance: a buffer
+//! grows with what has arrived, up to a limited distance ahead of it, and samples in the making are limited in
+//! number and in bytes.
+
+use std::collections::BTreeMap;
+use std::ops::{Range, RangeInclusive};
+use std::time::Instant;
+
+use bytes::Bytes;
+
+use super::ReaderTiming;
+use super::ranges::Ranges;
+use crate::wire::{DataFrag, FragmentNumberSet, InlineQos, PayloadKind, SequenceNumber, Timestamp};
+
+/// Samples in the making of one writer.
+const MAX_PARTIALS: usize = 64;
+/// Bytes that a fragment may leave open behind all that have arrived before it.
+const LOOK_AHEAD: usize = 1 << 20;
+/// Ranges of received fragments of one sample: more holes than that come from nobody honest.
+const MAX_RANGES: usize = 1 << 16;
+/// After so long without a fragment, fragments that contradict what has arrived replace it.
+const STALE: std::time::Duration = std::time::Duration::from_secs(1);
+
+/// A sample of which all fragments have arrived.
+#[derive(Debug)]
+pub(super) struct Assembled {
+    pub(super) timestamp: Option<Timestamp>,
+    pub(super) inline_qos: InlineQos,
+    pub(super) kind: PayloadKind,
+    pub(super) payload: Bytes,
+}
+
+/// The missing fragments of a sample.
+#[derive(Debug)]
+pub(super) struct Request {
+    pub(super) sequence: SequenceNumber,
+    pub(super) missing: FragmentNumberSet,
+}
+
+/// The samples in the making of one writer.
+#[derive(Debug)]
+pub(super) struct Reassembly {
+    partials: BTreeMap<SequenceNumber, Partial>,
+    /// Bytes of all their buffers.
+    bytes: usize,
+    max_sample_size: usize,
+}
+
+#[derive(Debug)]
+struct Partial {
+    sample_size: usize,
+    fragment_size: u16,
+    timestamp: Option<Timestamp>,
+    inline_qos: InlineQos,
+    kind: PayloadKind,
+    buffer: Vec<u8>,
+    received: Ranges,
+    /// The highest fragment that a HEARTBEAT_FRAG has announced.
+    announced: u32,
+    arrived: Instant,
+    /// The highest fragment asked for, and when.
+    asked: Option<(i64, Instant)>,
+}
+
+impl Reassembly {
+    pub(super) fn new(max_sample_size: usize) -> Self {
+        Self {
+            partials: BTreeMap::new(),
+            bytes: 0,
+            max_sample_size,
+        }
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.partials.is_empty()
+    }
+
+    /// Bytes that the samples in the making take.
+    #[cfg(test)]
+    pub(super) fn reserved(&self) -> usize {
+        self.partials
+            .values()
+            .map(|partial| partial.buffer.capacity())
+            .sum()
+    }
+
+    pub(super) fn contains(&self, sequence: SequenceNumber) -> bool {
+        self.partials.contains_key(&sequence)
+    }
+
+    /// Takes in fragments; returns the sample that they complete.
+    pub(super) fn add(
+        &mut self,
+        now: Instant,
+        timestamp: Option<Timestamp>,
+        fragment: &DataFrag<'_>,
+    ) -> Option<Assembled> {
+        if fragment.sample_size as usize > self.max_sample_size {
+            return None;
+        }
+        self.make_room(now, fragment)?;
+        let partial = self
+            .partials
+            .entry(fragment.sequence)
+            .or_insert_with(|| Partial::new(now, timestamp, fragment));
+        let before = partial.buffer.len();
+        partial.add(now, fragment);
+        self.bytes += partial.buffer.len() - before;
+        if !partial.is_complete() {
+            return None;
+        }
+        let partial = self.take(fragment.sequence)?;
+        Some(Assembled {
+            timestamp: partial.timestamp,
+            inline_qos: partial.inline_qos,
+            kind: partial.kind,
+            payload: Bytes::from(partial.buffer),
+        })
+    }
+
+    /// A HEARTBEAT_FRAG: fragments up to `last` are there; returns whether the sample is in the making.
+    pub(super) fn announce(&mut self, sequence: SequenceNumber, last: u32) -> bool {
+        let Some(partial) = self.partials.get_mut(&sequence) else {
+            return false;
+        };
+        partial.announced = partial.announced.max(last.min(partial.total()));
+        true
+    }
+
+    /// Drops samples that are not wanted any more.
+    pub(super) fn remove(&mut self, range: RangeInclusive<SequenceNumber>) {
+        while let Some((&sequence, _)) = self.partials.range(range.clone()).next() {
+            self.take(sequence);
+        }
+    }
+
+    /// The fragments to ask for now, in up to `max` sets, of the samples up to `last` and of those announced by
+    /// fragments; and when to look again for what is not to be asked for yet.
+    pub(super) fn requests(
+        &mut self,
+        now: Instant,
+        last: SequenceNumber,
+        timing: &ReaderTiming,
+        max: usize,
+    ) -> (Vec<Request>, Option<Instant>) {
+        let (mut requests, mut again) = (Vec::new(), None);
+        for (&sequence, partial) in &mut self.partials {
+            if requests.len() >= max {
+                break;
+            }
+            if sequence > last && partial.announced == 0 {
+                continue;
+            }
+            let room = max - requests.len();
+            let (sets, later) = partial.request(now, timing, room);
+            requests.extend(
+                sets.into_iter()
+                    .map(|missing| Request { sequence, missing }),
+            );
+            again = [again, later].into_iter().flatten().min();
+        }
+        (requests, again)
+    }
+
+    /// Keeps number and bytes of samples in the making in bounds: the newest go first, because the oldest are
+    /// needed first. `None` when there is no room for this fragment.
+    fn make_room(&mut self, now: Instant, fragment: &DataFrag<'_>) -> Option<()> {
+        let sequence = fragment.sequence;
+        match self.partials.get(&sequence) {
+            Some(partial) if partial.contradicts(fragment) => {
+                if now.saturating_duration_since(partial.arrived) < STALE {
+                    return None;
+                }
+                self.take(sequence);
+            }
+            Some(_) => {}
+            None => self.bound(sequence, |reassembly| {
+                reassembly.partials.len() >= MAX_PARTIALS
+            })?,
+        }
+        let budget = self.max_sample_size.saturating_mul(2);
+        let end = fragment.offset().saturating_add(fragment.payload.len());
+        let present = self.partials.get(&sequence).map_or(0, |p| p.buffer.len());
+        let growth = end.saturating_sub(present);
+        self.bound(sequence, |reassembly| reassembly.bytes + growth > budget)
+    }
+
+    fn bound(&mut self, sequence: SequenceNumber, exceeded: impl Fn(&Self) -> bool) -> Option<()> {
+        while exceeded(self) {
+            let (&newest, _) = self.partials.last_key_value()?;
+            if newest <= sequence {
+                return None;
+            }
+            self.take(newest);
+        }
+        Some(())
+    }
+
+    fn take(&mut self, sequence: SequenceNumber) -> Option<Partial> {
+        let partial = self.partials.remove(&sequence)?;
+        self.bytes -= partial.buffer.len();
+        Some(partial)
+    }
+}
+
+impl Partial {
+    fn new(now: Instant, timestamp: Option<Timestamp>, first: &DataFrag<'_>) -> Self {
+        Self {
+            sample_size: first.sample_size as usize,
+            fragment_size: first.fragment_size,
+            timestamp,
+            inline_qos: first.inline_qos,
+            kind: first.kind,
+            buffer: Vec::new(),
+            received: Ranges::default(),
+            announced: 0,
+            arrived: now,
+            asked: None,
+        }
+    }
+
+    fn contradicts(&self, fragment: &DataFrag<'_>) -> bool {
+        self.sample_size != fragment.sample_size as usize
+            || self.fragment_size != fragment.fragment_size
+            || self.kind != fragment.kind
+    }
+
+    /// How many fragments the sample has.
+    fn total(&self) -> u32 {
+        self.sample_size
+            .div_ceil(usize::from(self.fragment_size))
+            .try_into()
+            .unwrap_or(u32::MAX)
+    }
+
+    fn is_complete(&self) -> bool {
+        self.received.covers(1..i64::from(self.total()) + 1)
+    }
+
+    fn add(&mut self, now: Instant, fragment: &DataFrag<'_>) {
+        let first = i64::from(fragment.first_fragment);
+        let numbers = first..first + i64::from(fragment.fragment_count);
+        let (start, end) = (
+            fragment.offset(),
+            fragment.offset().saturating_add(fragment.payload.len()),
+        );
+        let too_far = start > self.buffer.len().saturating_add(LOOK_AHEAD);
+        if too_far || end > self.sample_size || self.received.len() >= MAX_RANGES {
+            return;
+        }
+        if self.received.covers(numbers.clone()) {
+            return;
+        }
+        self.grow(end);
+        if start == self.buffer.len() {
+            self.buffer.extend_from_slice(fragment.payload);
+        } else {
+            if end > self.buffer.len() {
+                self.buffer.resize(end, 0);
+            }
+            if let Some(place) = self.buffer.get_mut(start..end) {
+                place.copy_from_slice(fragment.payload);
+            }
+        }
+        self.received.insert(numbers);
+        self.arrived = now;
+    }
+
+    /// Reserves room for `end` bytes: ahead by as much as there is, but not beyond the sample.
+    fn grow(&mut self, end: usize) {
+        if end > self.buffer.capacity() {
+            let wanted = (2 * self.buffer.capacity())
+                .max(end)
+                .max(LOOK_AHEAD / 16)
+                .min(self.sample_size);
+            self.buffer.reserve_exact(wanted - self.buffer.len());
+        }
+    }
+
+    /// The fragments to ask for now, in up to `max` sets, and when to ask for others.
+    fn request(
+        &mut self,
+        now: Instant,
+        timing: &ReaderTiming,
+        max: usize,
+    ) -> (Vec<FragmentNumberSet>, Option<Instant>) {
+        let (fragments, again) = self.askable(now, timing);
+        let (mut from, end) = (fragments.start, fragments.end);
+        let mut sets = Vec::new();
+        for _ in 0..max {
+            let mut missing = self.received.missing(from..end).peekable();
+            let Some(&base) = missing.peek() else {
+                break;
+            };
+            from = base + i64::from(FragmentNumberSet::MAX_SPAN);
+            let members = missing.take_while(|number| *number < from);
+            let members = members.map(|number| number as u32);
+            sets.push(FragmentNumberSet::from_members(base as u32, members));
+        }
+        if !sets.is_empty() {
+            let asked = from.min(end) - 1;
+            self.asked = Some((self.asked.map_or(0, |(asked, _)| asked).max(asked), now));
+        }
+        (sets, again)
+    }
+
+    /// The fragments that may be asked for now if they are missing, and when others may. Those behind the last
+    /// received one may not have been sent yet while others still come, and the repairs of those asked for
+    /// lately may be on their way.
+    fn askable(&self, now: Instant, timing: &ReaderTiming) -> (Range<i64>, Option<Instant>) {
+        let all = i64::from(self.total()) + 1;
+        let silent_from = self.arrived + timing.fragment_silence;
+        let sent = self
+            .received
+            .end()
+            .unwrap_or(1)
+            .max(i64::from(self.announced) + 1);
+        let (end, silence) = if now < silent_from && sent < all {
+            (sent, Some(silent_from))
+        } else {
+            (all, None)
+        };
+        let (start, repair) = match self.asked {
+            Some((asked, at)) => {
+                let repaired = at.max(self.arrived) + timing.nack_suppression;
+                if now < repaired {
+                    (asked + 1, Some(repaired))
+                } else {
+                    (1, None)
+                }
+            }
+            None => (1, None),
+        };
+        (start..end, [silence, repair].into_iter().flatten().min())
+    }
+}

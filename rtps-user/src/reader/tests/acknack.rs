@@ -1,0 +1,150 @@
+//! What reliable readers answer, and when.
+
+use super::*;
+
+#[test]
+fn a_writer_is_greeted_until_its_first_heartbeat() {
+    let mut bench = Bench::new(reliable(), reliable());
+    assert_eq!(bench.reader.poll_timeout(), Some(bench.now));
+    assert_eq!(bench.answers(), [Answer::AckNack(0, vec![], 1, false)]);
+    bench.wait(49);
+    assert_eq!(bench.answers(), []);
+    bench.wait(1);
+    assert_eq!(bench.answers(), [Answer::AckNack(0, vec![], 2, false)]);
+    bench.wait(50);
+    assert_eq!(bench.answers(), []);
+    bench.wait(50);
+    assert_eq!(bench.answers(), [Answer::AckNack(0, vec![], 3, false)]);
+    bench.heartbeat(1, 0);
+    assert_eq!(bench.answers(), [Answer::AckNack(1, vec![], 4, true)]);
+    assert_eq!(bench.reader.poll_timeout(), None);
+}
+
+#[test]
+fn best_effort_readers_do_not_answer() {
+    let mut bench = Bench::new(Qos::default(), reliable());
+    bench.heartbeat(1, 5);
+    assert_eq!(bench.answers(), []);
+    assert_eq!(bench.reader.poll_timeout(), None);
+}
+
+#[test]
+fn a_heartbeat_is_answered_with_what_is_there_and_what_is_missing() {
+    let mut bench = Bench::started(reliable(), reliable());
+    for sequence in [1, 2, 4, 7] {
+        bench.data(sequence);
+    }
+    bench.heartbeat(1, 8);
+    assert_eq!(
+        bench.answers(),
+        [Answer::AckNack(3, vec![3, 5, 6, 8], 3, false)]
+    );
+}
+
+#[test]
+fn an_acknack_spans_no_more_than_it_can() {
+    let mut bench = Bench::started(reliable(), reliable());
+    bench.heartbeat(1, 50_000);
+    let [Answer::AckNack(1, members, ..)] = &bench.answers()[..] else {
+        panic!()
+    };
+    assert_eq!(*members, (1..=256).collect::<Vec<_>>());
+}
+
+#[test]
+fn a_final_heartbeat_is_answered_only_where_something_is_missing() {
+    let mut bench = Bench::started(reliable(), reliable());
+    bench.data(1);
+    bench.heartbeat_with(1, 1, 2, true);
+    assert_eq!(bench.answers(), []);
+    bench.heartbeat_with(1, 2, 3, true);
+    assert_eq!(bench.answers(), [Answer::AckNack(2, vec![2], 3, false)]);
+}
+
+#[test]
+fn old_counts_are_ignored_until_they_may_have_begun_anew() {
+    let mut bench = Bench::started(reliable(), reliable());
+    bench.heartbeat_with(1, 3, 1, false);
+    assert_eq!(bench.answers(), []);
+    bench.wait(500);
+    bench.heartbeat_with(1, 3, 1, false);
+    assert_eq!(
+        bench.answers(),
+        [Answer::AckNack(1, vec![1, 2, 3], 3, false)]
+    );
+}
+
+#[test]
+fn counts_wrap() {
+    let mut bench = Bench::started(reliable(), reliable());
+    bench.wait(500);
+    bench.heartbeat_with(1, 0, i32::MAX, false);
+    bench.answers();
+    bench.heartbeat_with(1, 1, i32::MIN, false);
+    assert_eq!(bench.answers(), [Answer::AckNack(1, vec![1], 4, false)]);
+}
+
+#[test]
+fn what_has_been_asked_for_is_not_asked_for_again_at_once() {
+    let mut bench = Bench::started(reliable(), reliable());
+    bench.heartbeat(1, 2);
+    assert_eq!(bench.answers(), [Answer::AckNack(1, vec![1, 2], 3, false)]);
+    bench.wait(5);
+    bench.heartbeat(1, 3);
+    assert_eq!(bench.answers(), [Answer::AckNack(1, vec![3], 4, false)]);
+    bench.wait(14);
+    bench.heartbeat(1, 3);
+    assert_eq!(bench.answers(), []);
+    bench.wait(1);
+    assert_eq!(bench.answers(), [Answer::AckNack(1, vec![1, 2], 5, false)]);
+}
+
+#[test]
+fn repeated_loss_of_new_numbers_does_not_starve_old_ones() {
+    let mut bench = Bench::started(reliable(), reliable());
+    let mut asked_for_first = 0;
+    for last in 1..=100 {
+        bench.heartbeat(1, last);
+        for answer in bench.answers() {
+            let Answer::AckNack(_, members, ..) = answer else {
+                panic!()
+            };
+            asked_for_first += usize::from(members.contains(&1));
+        }
+        bench.wait(1);
+    }
+    assert!((4..=6).contains(&asked_for_first), "{asked_for_first}");
+}
+
+#[test]
+fn an_answer_can_wait() {
+    let mut config = ReaderConfig::new(reader_guid(), reliable());
+    config.timing.heartbeat_response_delay = Duration::from_millis(3);
+    let mut bench = Bench::unmatched(config);
+    bench
+        .reader
+        .match_writer(bench.now, &remote(bench.writer, reliable()));
+    bench.answers();
+    bench.heartbeat(1, 2);
+    bench.wait(2);
+    assert_eq!(bench.answers(), []);
+    bench.data(1);
+    bench.wait(1);
+    assert_eq!(bench.answers(), [Answer::AckNack(2, vec![2], 2, false)]);
+}
+
+#[test]
+fn a_rematched_writer_is_answered_at_its_new_address() {
+    let mut bench = Bench::started(reliable(), reliable());
+    bench.data(1);
+    let mut moved = remote(bench.writer, reliable());
+    moved.unicast = vec!["10.0.0.9:1".parse().unwrap()];
+    bench.reader.match_writer(bench.now, &moved);
+    bench.heartbeat(1, 1);
+    let transmit = bench.reader.poll_transmit(bench.now, &mut Vec::new());
+    assert_eq!(
+        *transmit.unwrap().destinations,
+        ["10.0.0.9:1".parse().unwrap()]
+    );
+    assert_eq!(bench.progress(), 2);
+}

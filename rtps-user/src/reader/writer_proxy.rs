@@ -1,0 +1,402 @@
+//! WriterProxy: what a reader knows of the changes of one matched writer (RTPS 2.5 sections 8.4.10.4 and 8.4.11).
+//!
+//! All numbers below `next` are dealt with: given to the cache, irrelevant, or lost. Above it `done` has those
+//! that are dealt with or held; what is missing lies between. Changes reach the cache in order. When the cache
+//! has no room, `next` stays where it is, so that the writer is not told of the change and waits in its turn.
+
+use std::collections::BTreeMap;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Instant;
+
+use super::acknack::Responder;
+use super::cache::Cache;
+use super::change::{Arrival, Change, Meaning, Payload};
+use super::events::Events;
+use super::heartbeat_filter::{HeartbeatFilter, MARGIN};
+use super::liveliness::Lease;
+use super::ranges::Ranges;
+use super::reassembly::Reassembly;
+use super::{ReaderConfig, RejectedReason};
+use crate::RemoteEndpoint;
+use crate::qos::Durability;
+use crate::wire::{Gap, Guid, Heartbeat, SequenceNumber, SequenceNumberSet};
+
+/// Changes held because one before them is missing, or because the cache is full.
+const MAX_HELD: usize = 8192;
+/// Ranges of numbers that are dealt with beyond missing ones.
+const MAX_RANGES: usize = 4096;
+
+#[derive(Debug)]
+pub(super) struct WriterProxy {
+    pub(super) guid: Guid,
+    /// Where its answers go.
+    pub(super) destinations: Option<Arc<[SocketAddr]>>,
+    pub(super) lease: Lease,
+    pub(super) reassembly: Reassembly,
+    pub(super) responder: Responder,
+    pub(super) filter: HeartbeatFilter,
+    reliable: bool,
+    /// The reader is VOLATILE and the writer keeps history for readers that are not.
+    skips_history: bool,
+    next: SequenceNumber,
+    /// The highest number that the writer is known to have used.
+    highest: SequenceNumber,
+    /// The highest number of a HEARTBEAT.
+    announced: SequenceNumber,
+    /// Whether it is known where the stream begins for this reader.
+    started: bool,
+    /// Whether a GAP has told so before any HEARTBEAT.
+    told: bool,
+    /// Whether a HEARTBEAT has come since the match.
+    heard: bool,
+    /// Whether the cache had no room for the change at `next`.
+    blocked: bool,
+    done: Ranges,
+    held: BTreeMap<SequenceNumber, Change>,
+    held_bytes: usize,
+    max_held_bytes: usize,
+}
+
+impl WriterProxy {
+    pub(super) fn new(now: Instant, config: &ReaderConfig, remote: &RemoteEndpoint) -> Self {
+        let reliable = config.qos.reliability.is_reliable() && remote.qos.reliability.is_reliable();
+        Self {
+            guid: remote.guid,
+            destinations: destinations(remote),
+            lease: Lease::new(now, remote.qos.liveliness),
+            reassembly: Reassembly::new(config.max_sample_size),
+            responder: Responder::default(),
+            filter: HeartbeatFilter::default(),
+            reliable,
+            skips_history: config.qos.durability == Durability::Volatile
+                && remote.qos.durability != Durability::Volatile,
+            next: SequenceNumber(1),
+            highest: SequenceNumber::ZERO,
+            announced: SequenceNumber::ZERO,
+            started: false,
+            told: false,
+            heard: false,
+            blocked: false,
+            done: Ranges::default(),
+            held: BTreeMap::new(),
+            held_bytes: 0,
+            max_held_bytes: config.max_sample_size.saturating_mul(2),
+        }
+    }
+
+    /// Takes over what has changed of a writer that is matched already.
+    pub(super) fn update(&mut self, remote: &RemoteEndpoint) {
+        self.destinations = destinations(remote);
+        self.lease.update(remote.qos.liveliness);
+    }
+
+    /// Goes on at `next`, with ACKNACKs counted from `count`; 1 or less is no progress to go on from.
+    pub(super) fn resume(&mut self, next: SequenceNumber, count: i32) {
+        self.responder.resume(count);
+        if next > self.next {
+            self.next = next;
+            self.highest = next.previous();
+            self.started = true;
+        }
+    }
+
+    pub(super) fn is_reliable(&self) -> bool {
+        self.reliable
+    }
+
+    pub(super) fn is_blocked(&self) -> bool {
+        self.blocked
+    }
+
+    pub(super) fn has_heard(&self) -> bool {
+        self.heard
+    }
+
+    /// The number below which all is dealt with.
+    pub(super) fn next(&self) -> SequenceNumber {
+        self.next
+    }
+
+    pub(super) fn announced(&self) -> SequenceNumber {
+        self.announced
+    }
+
+    /// How many changes are held.
+    pub(super) fn held_count(&self) -> usize {
+        self.held.len()
+    }
+
+    /// How many ranges of numbers it remembers.
+    #[cfg(test)]
+    pub(super) fn ranges(&self) -> usize {
+        self.done.len()
+    }
+
+    /// The base of an ACKNACK: what is below it is acknowledged. A set cannot begin where not all its numbers
+    /// would exist, but a writer that far is no honest one.
+    pub(super) fn base(&self) -> SequenceNumber {
+        let highest = SequenceNumber(i64::MAX).plus(-SequenceNumberSet::MAX_SPAN);
+        self.next.min(highest)
+    }
+
+    /// The base of the ACKNACK that greets the writer: 0 where the reader has no past with it, which is what
+    /// other implementations take for a request of a HEARTBEAT.
+    pub(super) fn greeting_base(&self) -> SequenceNumber {
+        if self.started {
+            self.base()
+        } else {
+            SequenceNumber::ZERO
+        }
+    }
+
+    /// Whether a change with this number and so many bytes is wanted now.
+    pub(super) fn wants(&self, sequence: SequenceNumber, bytes: usize) -> bool {
+        if sequence < self.next || sequence.0 == i64::MAX {
+            return false;
+        }
+        if !self.reliable {
+            return true;
+        }
+        if self.done.contains(sequence.0) {
+            return false;
+        }
+        let has_room = self.held.len() < MAX_HELD
+            && self.held_bytes.saturating_add(bytes) <= self.max_held_bytes
+            && self.done.len() < MAX_RANGES;
+        let is_near = !self.started || sequence <= self.highest.plus(MARGIN);
+        sequence == self.next || (has_room && is_near)
+    }
+
+    /// Takes in a change that is wanted, whatever it turns out to be.
+    pub(super) fn receive(
+        &mut self,
+        config: &ReaderConfig,
+        arrival: Arrival,
+        payload: Payload<'_>,
+        cache: &mut Cache,
+        events: &mut Events,
+    ) {
+        match arrival.meaning(config, payload.as_slice()) {
+            Meaning::Update(instance) => {
+                let change = arrival.into_change(instance, payload.into_bytes());
+                self.accept(change, cache, events);
+            }
+            Meaning::Irrelevant => self.skip(arrival.sequence, cache, events),
+            Meaning::Malformed => {
+                self.skip(arrival.sequence, cache, events);
+                events.lost(self.guid, 1);
+            }
+        }
+    }
+
+    fn accept(&mut self, change: Change, cache: &mut Cache, events: &mut Events) {
+        let sequence = change.sequence;
+        self.drop_partials_to(sequence);
+        if !self.reliable {
+            self.pass(sequence, events);
+            match cache.admit(&change) {
+                Ok(place) => cache.store(place, change, events),
+                Err(reason) => events.rejected(self.guid, change.instance, reason),
+            }
+            return;
+        }
+        self.highest = self.highest.max(sequence);
+        if sequence == self.next {
+            match cache.admit(&change) {
+                Ok(place) => {
+                    cache.store(place, change, events);
+                    self.next = sequence.next();
+                    self.advance(cache, events);
+                    return;
+                }
+                Err(reason) => self.block(&change, reason, events),
+            }
+        }
+        self.hold(change);
+    }
+
+    /// Deals with a number that has come to nothing.
+    pub(super) fn skip(
+        &mut self,
+        sequence: SequenceNumber,
+        cache: &mut Cache,
+        events: &mut Events,
+    ) {
+        self.drop_partials_to(sequence);
+        if self.reliable {
+            self.highest = self.highest.max(sequence);
+            self.done.insert(sequence.0..sequence.next().0);
+            self.advance(cache, events);
+        } else {
+            self.pass(sequence, events);
+        }
+    }
+
+    /// GAP. What it says of numbers far beyond the known ones is not believed; a HEARTBEAT has to come first.
+    pub(super) fn gap(&mut self, gap: &Gap, cache: &mut Cache, events: &mut Events) {
+        let believed = if self.started {
+            self.highest.plus(MARGIN)
+        } else {
+            SequenceNumber(i64::MAX)
+        };
+        self.told |= !self.started;
+        self.irrelevant(gap.start, gap.list.base.min(believed));
+        for number in gap.list.iter().filter(|number| *number < believed) {
+            self.irrelevant(number, number.next());
+        }
+        self.advance(cache, events);
+    }
+
+    /// Deals with irrelevant numbers from `start` to below `end`.
+    fn irrelevant(&mut self, start: SequenceNumber, end: SequenceNumber) {
+        let start = start.max(self.next);
+        if end <= start {
+            return;
+        }
+        if !self.reliable {
+            if start == self.next {
+                self.next = end;
+            }
+            return;
+        }
+        if start > self.next && self.done.len() >= MAX_RANGES {
+            return;
+        }
+        self.done.insert(start.0..end.0);
+        if !self.reassembly.is_empty() {
+            self.reassembly.remove(start..=end.previous());
+        }
+    }
+
+    /// HEARTBEAT; returns whether it is to be answered.
+    pub(super) fn heartbeat(
+        &mut self,
+        heartbeat: &Heartbeat,
+        cache: &mut Cache,
+        events: &mut Events,
+    ) -> bool {
+        self.heard = true;
+        if !self.started {
+            self.start(heartbeat);
+        } else if !self.filter.is_believable(heartbeat, self.highest) {
+            return true;
+        }
+        self.highest = self.highest.max(heartbeat.last);
+        self.announced = self.announced.max(heartbeat.last);
+        if heartbeat.first > self.next {
+            let lost = self.done.insert(self.next.0..heartbeat.first.0);
+            events.lost(self.guid, lost);
+            self.reassembly
+                .remove(SequenceNumber::ZERO..=heartbeat.first.previous());
+        }
+        self.advance(cache, events);
+        if !heartbeat.is_final {
+            self.responder.request();
+        }
+        !heartbeat.is_final || self.lacks_something()
+    }
+
+    /// The first HEARTBEAT tells where the stream begins. A VOLATILE reader has no use for what a writer keeps
+    /// for others, and not every writer says in a GAP where the new begins: then it begins with the first change
+    /// that has come since the match, or after all that there is.
+    fn start(&mut self, heartbeat: &Heartbeat) {
+        self.started = true;
+        let start = if self.skips_history && !self.told && self.next == SequenceNumber(1) {
+            let first_held = self.held.first_key_value().map(|(sequence, _)| *sequence);
+            first_held.unwrap_or_else(|| heartbeat.last.next())
+        } else {
+            heartbeat.first
+        };
+        if start > self.next {
+            self.done.insert(self.next.0..start.0);
+            self.reassembly
+                .remove(SequenceNumber::ZERO..=start.previous());
+        }
+    }
+
+    /// Whether something is missing that the writer has announced.
+    fn lacks_something(&self) -> bool {
+        self.done.first_missing(self.next.0) <= self.announced.0
+    }
+
+    /// The numbers to ask for, as many as an ACKNACK can span; those in the making included.
+    pub(super) fn missing(&self) -> impl Iterator<Item = SequenceNumber> + '_ {
+        let span = SequenceNumberSet::MAX_SPAN;
+        let end = self.next.plus(span).min(self.announced.next());
+        self.done.missing(self.next.0..end.0).map(SequenceNumber)
+    }
+
+    /// Gives the cache what has become due, in order, until something is missing or there is no room; returns
+    /// whether `next` has moved.
+    pub(super) fn advance(&mut self, cache: &mut Cache, events: &mut Events) -> bool {
+        if self.done.is_empty() {
+            return false;
+        }
+        let before = self.next;
+        let end = SequenceNumber(self.done.first_missing(self.next.0));
+        while let Some(first) = self.held.first_entry()
+            && *first.key() < end
+        {
+            match cache.admit(first.get()) {
+                Ok(place) => {
+                    let change = first.remove();
+                    self.held_bytes -= change.payload.len();
+                    cache.store(place, change, events);
+                }
+                Err(reason) => {
+                    self.next = *first.key();
+                    let (writer, instance) = (self.guid, first.get().instance);
+                    if !std::mem::replace(&mut self.blocked, true) {
+                        events.rejected(writer, instance, reason);
+                    }
+                    return self.next > before;
+                }
+            }
+        }
+        self.blocked = false;
+        self.next = end;
+        self.done.remove_below(end.0);
+        self.next > before
+    }
+
+    fn block(&mut self, change: &Change, reason: RejectedReason, events: &mut Events) {
+        if !std::mem::replace(&mut self.blocked, true) {
+            events.rejected(self.guid, change.instance, reason);
+        }
+    }
+
+    fn hold(&mut self, change: Change) {
+        self.done
+            .insert(change.sequence.0..change.sequence.next().0);
+        self.held_bytes += change.payload.len();
+        self.held.insert(change.sequence, change);
+    }
+
+    /// Best effort: moves on behind `sequence`; what has not come before it is lost.
+    fn pass(&mut self, sequence: SequenceNumber, events: &mut Events) {
+        if std::mem::replace(&mut self.started, true) {
+            events.lost(self.guid, sequence.0.abs_diff(self.next.0));
+        }
+        self.next = sequence.next();
+        self.highest = sequence;
+    }
+
+    /// Drops the parts of a sample that is dealt with; in best effort of all before it, too.
+    fn drop_partials_to(&mut self, sequence: SequenceNumber) {
+        if self.reassembly.is_empty() {
+            return;
+        }
+        let from = if self.reliable {
+            sequence
+        } else {
+            SequenceNumber::ZERO
+        };
+        self.reassembly.remove(from..=sequence);
+    }
+}
+
+/// One address is enough; the best comes first.
+fn destinations(remote: &RemoteEndpoint) -> Option<Arc<[SocketAddr]>> {
+    remote.unicast.first().map(|address| Arc::from([*address]))
+}

@@ -1,0 +1,28 @@
+//! What discovery tells an endpoint of a matched remote one.
+
+use std::net::SocketAddr;
+
+use serde::{Deserialize, Serialize};
+
+use crate::qos::Qos;
+use crate::wire::Guid;
+
+/// A remote endpoint that a local one is matched with.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub struct RemoteEndpoint {
+    /// Its name.
+    pub guid: Guid,
+    /// Where to send what is for it, best first: its own unicast locators or its participant's default ones,
+    /// those that we can reach; one of them is enough.
+    pub unicast: Vec<SocketAddr>,
+    /// Multicast groups that it listens to.
+    pub multicast: Vec<SocketAddr>,
+    /// A reader that wants inline QoS with each sample.
+    pub expects_inline_qos: bool,
+    /// Its policies.
+    pub qos: Qos,
+    /// The topic that it is matched on.
+    pub topic: String,
+    /// Its type.
+    pub type_name: String,
+}

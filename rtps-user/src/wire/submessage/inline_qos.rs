@@ -1,0 +1,101 @@
+//! What a DATA says of its change beside the payload: the inline QoS (RTPS 2.5 sections 8.7.9 and 9.6.4).
+
+use serde::{Deserialize, Serialize};
+
+use crate::wire::{
+    Cursor, Parameter, ParameterId, ParameterList, ParameterWriter, SequenceNumber, WireError,
+};
+
+/// The 16 bytes that name an instance (RTPS 9.6.4.8): its big-endian key, zero-padded, or the MD5 of it.
+#[derive(
+    Clone, Copy, Debug, Default, Deserialize, Eq, Hash, Ord, PartialEq, PartialOrd, Serialize,
+)]
+pub struct KeyHash(pub [u8; 16]);
+
+/// StatusInfo_t (RTPS 9.6.4.9): what happened to the instance.
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+pub struct StatusInfo {
+    /// The writer disposed the instance.
+    pub disposed: bool,
+    /// The writer unregistered the instance.
+    pub unregistered: bool,
+    /// The writer says so only for the reader's content filter: the change is not for it.
+    pub filtered: bool,
+}
+
+impl StatusInfo {
+    fn from_octet(octet: u8) -> Self {
+        Self {
+            disposed: octet & 1 != 0,
+            unregistered: octet & 2 != 0,
+            filtered: octet & 4 != 0,
+        }
+    }
+
+    fn octet(self) -> u8 {
+        u8::from(self.disposed) | u8::from(self.unregistered) << 1 | u8::from(self.filtered) << 2
+    }
+
+    /// Whether the change is an ordinary sample.
+    pub fn is_alive(self) -> bool {
+        !self.disposed && !self.unregistered
+    }
+}
+
+/// The parameters of a change that we use; unknown ones are skipped.
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+pub struct InlineQos {
+    /// PID_KEY_HASH.
+    pub key_hash: Option<KeyHash>,
+    /// PID_STATUS_INFO; absent means an ordinary sample.
+    pub status: StatusInfo,
+    /// PID_COHERENT_SET: the first change of the set that this change belongs to.
+    pub coherent_set: Option<SequenceNumber>,
+}
+
+impl InlineQos {
+    /// Whether there is nothing to write.
+    pub fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Reads a whole list up to its sentinel and moves the cursor behind it.
+    pub(super) fn decode(cursor: &mut Cursor<'_>) -> Result<Self, WireError> {
+        let (list, length) = ParameterList::parse(cursor.rest(), cursor.endianness())?;
+        cursor.take(length)?;
+        let mut qos = Self::default();
+        for Parameter { id, mut value } in list.iter() {
+            match id {
+                ParameterId::KEY_HASH => qos.key_hash = Some(KeyHash(value.array()?)),
+                // Four octets, of which the last has the flags, whatever the byte order.
+                ParameterId::STATUS_INFO => {
+                    qos.status = StatusInfo::from_octet(value.array::<4>()?[3])
+                }
+                ParameterId::COHERENT_SET => {
+                    qos.coherent_set = Some(SequenceNumber::decode(&mut value)?)
+                }
+                _ => {}
+            }
+        }
+        Ok(qos)
+    }
+
+    /// Writes the list with its sentinel.
+    pub(in crate::wire) fn encode(&self, out: &mut Vec<u8>) {
+        let mut list = ParameterWriter::new(out);
+        if let Some(KeyHash(hash)) = self.key_hash {
+            list.parameter(ParameterId::KEY_HASH, |value| {
+                value.extend_from_slice(&hash)
+            });
+        }
+        if self.status != StatusInfo::default() {
+            list.parameter(ParameterId::STATUS_INFO, |value| {
+                value.extend_from_slice(&[0, 0, 0, self.status.octet()])
+            });
+        }
+        if let Some(first) = self.coherent_set {
+            list.parameter(ParameterId::COHERENT_SET, |value| first.encode(value));
+        }
+        list.finish();
+    }
+}

@@ -1,0 +1,85 @@
+//! What a writer is made with, and what it tells.
+
+use std::time::Duration;
+
+use thiserror::Error;
+
+use crate::qos::Qos;
+use crate::wire::Guid;
+
+/// What a writer is made with.
+#[derive(Clone, Debug)]
+pub struct WriterConfig {
+    /// Its name; the kind of its entity id says whether its topic has keys.
+    pub guid: Guid,
+    /// Its policies.
+    pub qos: Qos,
+    /// The most bytes of a datagram, UDP header excluded; larger samples are sent in fragments.
+    pub datagram_size: usize,
+    /// Its timing parameters.
+    pub timing: WriterTiming,
+}
+
+/// The parameters that RTPS 2.5 section 8.4.7.1 leaves to the implementation.
+#[derive(Clone, Copy, Debug)]
+pub struct WriterTiming {
+    /// heartbeatPeriod: how long after a change the first HEARTBEAT asks for its acknowledgement. It doubles with
+    /// each that brings nothing new.
+    pub heartbeat_period: Duration,
+    /// What the doubled period does not exceed.
+    pub heartbeat_period_max: Duration,
+    /// After so many changes a HEARTBEAT travels with the last, without waiting for the period.
+    pub heartbeat_samples: u32,
+    /// nackResponseDelay: how long a request waits for others before it is answered.
+    pub nack_response_delay: Duration,
+    /// nackSuppressionDuration: how long a change that was sent again is not sent again to the same reader. It
+    /// doubles while a reader asks again and again for the same.
+    pub nack_suppression: Duration,
+    /// What the doubled suppression does not exceed.
+    pub nack_suppression_max: Duration,
+    /// Unacknowledged bytes after which a reliable KEEP_ALL writer takes no more for the moment, so that it can't
+    /// run ahead of its slowest reader without bound.
+    pub max_unacknowledged_bytes: usize,
+}
+
+impl Default for WriterTiming {
+    fn default() -> Self {
+        Self {
+            heartbeat_period: Duration::from_millis(10),
+            heartbeat_period_max: Duration::from_secs(1),
+            heartbeat_samples: 32,
+            nack_response_delay: Duration::ZERO,
+            nack_suppression: Duration::from_millis(2),
+            nack_suppression_max: Duration::from_millis(100),
+            max_unacknowledged_bytes: 16 << 20,
+        }
+    }
+}
+
+/// Why a change was not taken.
+#[derive(Clone, Copy, Debug, Eq, Error, PartialEq)]
+pub enum WriteError {
+    /// The history is full of changes that a reliable reader has not acknowledged.
+    #[error(
+        "the history is full of unacknowledged samples: wait for acknowledgements and try again"
+    )]
+    HistoryFull,
+    /// RESOURCE_LIMITS forbids the change, and waiting does not help.
+    #[error(
+        "the instance would exceed RESOURCE_LIMITS: raise max_instances or unregister others first"
+    )]
+    OutOfResources,
+    /// The payload exceeds what DATA_FRAG can say.
+    #[error("a sample of {0} bytes is larger than RTPS can carry (4 GiB)")]
+    TooLarge(usize),
+}
+
+/// What a writer tells its user.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum WriterEvent {
+    /// Readers have acknowledged more: there is room in the history, or whoever waits for acknowledgements may
+    /// look again.
+    Acknowledged,
+    /// The lease of a MANUAL liveliness passed without an assertion.
+    LivelinessLost,
+}

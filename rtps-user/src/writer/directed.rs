@@ -1,0 +1,103 @@
+//! What goes to one reader alone: answers to its requests, and reminders.
+
+use std::time::Instant;
+
+use super::outbox::Source;
+use super::{Packet, ReaderProxy, Writer};
+use crate::Transmit;
+use crate::wire::{EntityId, Guid, Heartbeat, SequenceNumber};
+
+impl Writer {
+    /// Puts a reader into the queue of those to be sent something, or sets the timer that will do it.
+    pub(super) fn enqueue(&mut self, now: Instant, reader: Guid) {
+        let Some(proxy) = self.readers.get_mut(&reader) else {
+            return;
+        };
+        if proxy.is_queued || proxy.outbox.is_empty() {
+            return;
+        }
+        match proxy.outbox.not_before().filter(|due| *due > now) {
+            Some(due) => {
+                self.next_answer = Some(self.next_answer.map_or(due, |next| next.min(due)));
+            }
+            None => {
+                proxy.is_queued = true;
+                self.queue.push_back(reader);
+            }
+        }
+    }
+
+    /// Enqueues the readers whose answers have waited long enough.
+    pub(super) fn enqueue_due(&mut self, now: Instant) {
+        if self.next_answer.take_if(|due| *due <= now).is_none() {
+            return;
+        }
+        let waiting = |(guid, proxy): (&Guid, &ReaderProxy)| {
+            proxy.outbox.not_before().is_some().then_some(*guid)
+        };
+        let readers: Vec<Guid> = self.readers.iter().filter_map(waiting).collect();
+        for reader in readers {
+            self.enqueue(now, reader);
+        }
+    }
+
+    /// The next datagram for a single reader.
+    pub(super) fn poll_directed(&mut self, now: Instant, out: &mut Vec<u8>) -> Option<Transmit> {
+        while let Some(reader) = self.queue.front().copied() {
+            if let Some(transmit) = self.fill_directed(now, reader, out) {
+                return Some(transmit);
+            }
+            self.queue.pop_front();
+            if let Some(proxy) = self.readers.get_mut(&reader) {
+                proxy.is_queued = false;
+            }
+        }
+        None
+    }
+
+    /// What the writer has that concerns a reader for which changes from `start` on do.
+    pub(super) fn heartbeat(&mut self, start: SequenceNumber) -> Heartbeat {
+        let end = self.live.end();
+        let first = self.history.first().map_or(end, |first| first.min(end));
+        Heartbeat {
+            reader: EntityId::UNKNOWN,
+            writer: EntityId::UNKNOWN,
+            first: first.max(start).min(end),
+            last: end.previous(),
+            count: self.heartbeats.next_count(),
+            is_final: false,
+            liveliness: false,
+        }
+    }
+
+    fn fill_directed(&mut self, now: Instant, reader: Guid, out: &mut Vec<u8>) -> Option<Transmit> {
+        let proxy = self.readers.get_mut(&reader)?;
+        if proxy.outbox.is_empty() {
+            return None;
+        }
+        let source = Source {
+            history: &self.history,
+            start: proxy.start(),
+            end: self.live.end(),
+        };
+        let layout = self.layout;
+        let mut packet = Packet::directed(out, &layout, reader);
+        let timing = &self.config.timing;
+        let is_filled = proxy.outbox.fill(now, &source, timing, &mut packet);
+        if is_filled && proxy.outbox.wants_heartbeat() && packet.has_room_for_heartbeat() {
+            proxy.outbox.announced();
+            let is_final = !proxy.lags_behind(self.live.end());
+            let start = proxy.start();
+            let heartbeat = self.heartbeat(start);
+            packet.heartbeat(Heartbeat {
+                is_final,
+                ..heartbeat
+            });
+        }
+        if packet.is_empty() {
+            return None;
+        }
+        let destinations = self.readers.get(&reader)?.address().clone();
+        Some(Transmit { destinations })
+    }
+}

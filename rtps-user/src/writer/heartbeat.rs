@@ -1,0 +1,71 @@
+//! When HEARTBEATs are sent (RTPS 2.5 section 8.4.7.1, heartbeatPeriod; 8.4.9.2.7).
+//!
+//! As few as will do, since each costs every reader an ACKNACK: one travels with every so many changes, one
+//! follows a fragmented change, and a timer reminds the readers that have not acknowledged what they were sent.
+
+use std::time::{Duration, Instant};
+
+/// The count, and what makes the next HEARTBEAT due.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Heartbeats {
+    count: i32,
+    deadline: Option<Instant>,
+    changes_since: u32,
+    is_due: bool,
+}
+
+impl Heartbeats {
+    /// Counts on from `count`.
+    pub(super) fn resume_from(&mut self, count: i32) {
+        self.count = count;
+    }
+
+    /// The count of the next HEARTBEAT.
+    pub(super) fn next_count(&mut self) -> i32 {
+        self.count = self.count.wrapping_add(1);
+        self.count
+    }
+
+    /// A change has been sent to reliable readers.
+    pub(super) fn handle_sent(&mut self, now: Instant, period: Duration, every: u32) {
+        self.changes_since += 1;
+        self.is_due |= self.changes_since >= every;
+        self.arm(now + period);
+    }
+
+    /// The readers are to answer at once, for whatever reason.
+    pub(super) fn hurry(&mut self) {
+        self.is_due = true;
+    }
+
+    /// Whether one is to travel with what is sent to all readers.
+    pub(super) fn is_due(&self) -> bool {
+        self.is_due
+    }
+
+    /// One was sent to all readers.
+    pub(super) fn sent_to_all(&mut self) {
+        self.is_due = false;
+        self.changes_since = 0;
+    }
+
+    /// Makes the timer go off at `deadline` at the latest.
+    pub(super) fn arm(&mut self, deadline: Instant) {
+        self.deadline = Some(self.deadline.map_or(deadline, |old| old.min(deadline)));
+    }
+
+    /// Everything is acknowledged.
+    pub(super) fn disarm(&mut self) {
+        self.deadline = None;
+    }
+
+    /// When the timer goes off.
+    pub(super) fn deadline(&self) -> Option<Instant> {
+        self.deadline
+    }
+
+    /// Whether the timer goes off now; then it is not set any more.
+    pub(super) fn expire(&mut self, now: Instant) -> bool {
+        self.deadline.take_if(|deadline| *deadline <= now).is_some()
+    }
+}

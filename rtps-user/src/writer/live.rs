@@ -1,0 +1,143 @@
+//! The stream of new changes to all matched readers at once.
+
+use std::time::Instant;
+
+use super::{Packet, Position, Writer};
+use crate::Transmit;
+use crate::wire::{Heartbeat, SequenceNumber, SequenceNumberSet};
+
+/// How far the stream has got.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Live {
+    position: Position,
+    asserts_liveliness: bool,
+}
+
+impl Live {
+    /// Nothing sent yet.
+    pub(super) fn new() -> Self {
+        Self {
+            position: Position::start_of(SequenceNumber(1)),
+            asserts_liveliness: false,
+        }
+    }
+
+    /// The first change that has not been sent completely.
+    pub(super) fn end(&self) -> SequenceNumber {
+        self.position.sequence
+    }
+
+    /// The first change of which nothing has been sent.
+    pub(super) fn untouched(&self) -> SequenceNumber {
+        match self.position.fragment {
+            1 => self.position.sequence,
+            _ => self.position.sequence.next(),
+        }
+    }
+
+    /// What is below `sequence` is not sent.
+    pub(super) fn skip_to(&mut self, sequence: SequenceNumber) {
+        self.position.skip_to(sequence);
+    }
+
+    /// Moves on to `next`; what lies between was replaced before it could be sent, and reliable readers are told
+    /// so. Gives whether that fitted.
+    fn skip_removed(
+        &mut self,
+        next: SequenceNumber,
+        is_reliable: bool,
+        packet: &mut Packet<'_>,
+    ) -> bool {
+        let list = SequenceNumberSet::empty(next);
+        if next > self.end() && is_reliable && !packet.gap(self.end(), list) {
+            return false;
+        }
+        self.skip_to(next);
+        true
+    }
+
+    /// A HEARTBEAT shall assert the writer's liveliness.
+    pub(super) fn assert_liveliness(&mut self) {
+        self.asserts_liveliness = true;
+    }
+}
+
+impl Writer {
+    /// The next datagram for all readers.
+    pub(super) fn poll_live(&mut self, now: Instant, out: &mut Vec<u8>) -> Option<Transmit> {
+        if self.live.end() > self.last && !self.wants_heartbeat_to_all() {
+            return None;
+        }
+        if self.destinations.is_empty() {
+            self.skip_live();
+            return None;
+        }
+        let layout = self.layout;
+        let mut packet = Packet::undirected(out, &layout);
+        self.fill_changes(now, &mut packet);
+        if self.wants_heartbeat_to_all() && packet.has_room_for_heartbeat() {
+            self.heartbeat_to_all(&mut packet);
+        }
+        let is_empty = packet.is_empty();
+        self.release();
+        (!is_empty).then(|| Transmit {
+            destinations: self.destinations.clone(),
+        })
+    }
+
+    fn wants_heartbeat_to_all(&self) -> bool {
+        self.live.asserts_liveliness || self.heartbeats.is_due()
+    }
+
+    /// There is nobody to send anything to.
+    fn skip_live(&mut self) {
+        self.live.skip_to(self.last.next());
+        self.live.asserts_liveliness = false;
+        self.heartbeats.sent_to_all();
+        self.release();
+    }
+
+    fn fill_changes(&mut self, now: Instant, packet: &mut Packet<'_>) {
+        let is_reliable = self.has_reliable_readers();
+        while self.live.end() <= self.last {
+            let next = self.history.next_from(self.live.end());
+            let sequence = next.map_or_else(|| self.last.next(), |(sequence, _)| sequence);
+            if !self.live.skip_removed(sequence, is_reliable, packet) {
+                return;
+            }
+            let Some((_, change)) = next else {
+                return;
+            };
+            let is_done = packet.change(&mut self.live.position, change);
+            if !is_done {
+                return;
+            }
+            let is_fragmented = self.layout.is_fragmented(change.payload.len());
+            self.handle_sent(now, is_fragmented);
+        }
+    }
+
+    fn handle_sent(&mut self, now: Instant, is_fragmented: bool) {
+        if !self.has_reliable_readers() {
+            return;
+        }
+        let period = self.config.timing.heartbeat_period;
+        self.heartbeats
+            .handle_sent(now, period, self.changes_per_heartbeat());
+        if is_fragmented {
+            self.heartbeats.hurry();
+        }
+    }
+
+    fn heartbeat_to_all(&mut self, packet: &mut Packet<'_>) {
+        let is_final = !self.heartbeats.is_due();
+        let heartbeat = Heartbeat {
+            liveliness: self.live.asserts_liveliness,
+            is_final,
+            ..self.heartbeat(SequenceNumber(1))
+        };
+        packet.heartbeat(heartbeat);
+        self.live.asserts_liveliness = false;
+        self.heartbeats.sent_to_all();
+    }
+}

@@ -1,0 +1,312 @@
+//! The RTPS Writer (RTPS 2.5 sections 8.4.2, 8.4.7 and 8.4.9), stateful for both reliabilities.
+//!
+//! Two streams of datagrams leave a writer. New changes go to all matched readers at once, to each address once
+//! and to no reader in particular (`live.rs`). What only one reader needs, repairs above all, goes to that reader
+//! alone (`directed.rs`). HEARTBEATs travel with either.
+
+mod config;
+mod count;
+mod directed;
+mod heartbeat;
+mod live;
+mod liveliness;
+mod outbox;
+mod packet;
+mod position;
+mod reader_proxy;
+mod requests;
+mod retention;
+mod suppression;
+#[cfg(test)]
+mod tests;
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Instant;
+
+pub use config::{WriteError, WriterConfig, WriterEvent, WriterTiming};
+
+use heartbeat::Heartbeats;
+use live::Live;
+use liveliness::Lease;
+use packet::{Layout, Packet};
+use position::Position;
+use reader_proxy::ReaderProxy;
+
+use crate::history::{HistoryCache, NewChange};
+use crate::qos::{Durability, LivelinessKind, Qos};
+use crate::wire::{AckNack, Guid, NackFrag, SequenceNumber};
+use crate::{RemoteEndpoint, Transmit};
+
+/// A writer, its history and its proxies of matched readers.
+#[derive(Debug)]
+pub struct Writer {
+    config: WriterConfig,
+    layout: Layout,
+    history: HistoryCache,
+    last: SequenceNumber,
+    live: Live,
+    readers: BTreeMap<Guid, ReaderProxy>,
+    /// The addresses of all readers, each once.
+    destinations: Arc<[SocketAddr]>,
+    /// What all reliable readers have acknowledged; `None` without any.
+    lowest_acknowledged: Option<SequenceNumber>,
+    heartbeats: Heartbeats,
+    lease: Lease,
+    /// Readers that are to be sent something of their own.
+    queue: VecDeque<Guid>,
+    /// When the next answer that waits is due.
+    next_answer: Option<Instant>,
+    /// Unregistrations whose instances are still in the history.
+    unregistered: VecDeque<SequenceNumber>,
+    events: Events,
+}
+
+/// What [`Writer::poll_event`] has still to tell.
+#[derive(Clone, Copy, Debug, Default)]
+struct Events {
+    acknowledged: bool,
+    liveliness_lost: bool,
+}
+
+impl Writer {
+    /// A writer without readers.
+    pub fn new(config: WriterConfig) -> Self {
+        Self {
+            layout: Layout::new(config.guid, config.datagram_size),
+            config,
+            history: HistoryCache::default(),
+            last: SequenceNumber::ZERO,
+            live: Live::new(),
+            readers: BTreeMap::new(),
+            destinations: Arc::new([]),
+            lowest_acknowledged: None,
+            heartbeats: Heartbeats::default(),
+            lease: Lease::default(),
+            queue: VecDeque::new(),
+            next_answer: None,
+            unregistered: VecDeque::new(),
+            events: Events::default(),
+        }
+    }
+
+    /// Its name.
+    pub fn guid(&self) -> Guid {
+        self.config.guid
+    }
+
+    /// Its policies.
+    pub fn qos(&self) -> &Qos {
+        &self.config.qos
+    }
+
+    /// Replaces its policies; those that DDS calls unchangeable must stay the same.
+    pub fn set_qos(&mut self, qos: Qos) {
+        self.config.qos = qos;
+    }
+
+    /// Goes on where an earlier run of the same writer stopped: with the sequence number `next`, and HEARTBEAT
+    /// counts above `count`. Only without readers; between writes it leaves numbers out, so that a history can be
+    /// filled again with the changes that it had.
+    pub fn resume_from(&mut self, next: SequenceNumber, count: i32) {
+        self.last = next.previous();
+        self.live.skip_to(next);
+        self.heartbeats.resume_from(count);
+    }
+
+    /// Takes a change into the history; [`poll_transmit`](Self::poll_transmit) sends it at once.
+    ///
+    /// # Errors
+    /// Where the history has no room for it.
+    pub fn write(&mut self, now: Instant, change: NewChange) -> Result<SequenceNumber, WriteError> {
+        self.make_room(&change)?;
+        self.last = self.last.next();
+        self.note_unregistration(change.kind, self.last);
+        if self.keeps_past() || !self.readers.is_empty() {
+            self.history.insert(self.last, change);
+        }
+        if self.readers.is_empty() {
+            self.live.skip_to(self.last.next());
+            self.release();
+        }
+        self.lease.renew(now, self.config.qos.liveliness);
+        Ok(self.last)
+    }
+
+    /// Takes a change out of the history; reliable readers that lack it are told that it will not come.
+    pub fn remove(&mut self, sequence: SequenceNumber) {
+        self.history.remove(sequence);
+    }
+
+    /// The number of the newest change; 0 before the first.
+    pub fn last_sequence(&self) -> SequenceNumber {
+        self.last
+    }
+
+    /// Whether every matched reliable reader has acknowledged every change.
+    pub fn all_acknowledged(&self) -> bool {
+        self.acknowledged_by_all(self.last)
+    }
+
+    /// Whether every matched reliable reader has acknowledged the changes up to this one.
+    pub fn acknowledged_by_all(&self, sequence: SequenceNumber) -> bool {
+        self.acknowledged() >= sequence
+    }
+
+    /// Begins to serve a reader, or takes in new locators of a reader that is served already.
+    pub fn match_reader(&mut self, now: Instant, remote: &RemoteEndpoint) {
+        match self.readers.get_mut(&remote.guid) {
+            Some(proxy) => proxy.update(remote),
+            None => self.add_reader(now, remote),
+        }
+        self.refresh_readers();
+    }
+
+    /// Forgets a reader; what only that one has not acknowledged need not be kept any more.
+    pub fn unmatch_reader(&mut self, reader: Guid) {
+        if self.readers.remove(&reader).is_some() {
+            self.queue.retain(|queued| *queued != reader);
+            self.refresh_readers();
+            self.handle_progress();
+        }
+    }
+
+    /// The matched readers.
+    pub fn matched_readers(&self) -> impl Iterator<Item = Guid> + '_ {
+        self.readers.keys().copied()
+    }
+
+    /// The app asserts that the writer is alive.
+    pub fn assert_liveliness(&mut self, now: Instant) {
+        let liveliness = self.config.qos.liveliness;
+        self.lease.renew(now, liveliness);
+        if liveliness.kind == LivelinessKind::ManualByTopic {
+            self.live.assert_liveliness();
+        }
+    }
+
+    /// A reader says what it has and lacks.
+    pub fn handle_acknack(&mut self, now: Instant, reader: Guid, acknack: &AckNack) {
+        let Some(proxy) = self.readers.get_mut(&reader) else {
+            return;
+        };
+        let was_lowest = Some(proxy.acknowledged()) == self.lowest_acknowledged;
+        let timing = &self.config.timing;
+        let has_progress = proxy.handle_acknack(now, acknack, self.live.end(), timing);
+        if has_progress && was_lowest {
+            self.refresh_acknowledged();
+            self.handle_progress();
+        }
+        self.enqueue(now, reader);
+    }
+
+    /// A reader says which fragments of a change it lacks.
+    pub fn handle_nack_frag(&mut self, now: Instant, reader: Guid, nack: &NackFrag) {
+        if let Some(proxy) = self.readers.get_mut(&reader) {
+            proxy.handle_nack_frag(now, nack, self.live.end(), &self.config.timing);
+            self.enqueue(now, reader);
+        }
+    }
+
+    /// Does what is due.
+    pub fn handle_timeout(&mut self, now: Instant) {
+        self.enqueue_due(now);
+        if self.heartbeats.expire(now) {
+            self.remind_readers(now);
+        }
+        self.events.liveliness_lost |= self.lease.expire(now);
+    }
+
+    /// When [`handle_timeout`](Self::handle_timeout) is due.
+    pub fn poll_timeout(&self) -> Option<Instant> {
+        let timers = [
+            self.next_answer,
+            self.heartbeats.deadline(),
+            self.lease.deadline(),
+        ];
+        timers.into_iter().flatten().min()
+    }
+
+    /// Writes the next datagram into `out`, which it empties first. To be called until it gives `None`.
+    pub fn poll_transmit(&mut self, now: Instant, out: &mut Vec<u8>) -> Option<Transmit> {
+        self.poll_directed(now, out)
+            .or_else(|| self.poll_live(now, out))
+    }
+
+    /// What has happened since the last call.
+    pub fn poll_event(&mut self) -> Option<WriterEvent> {
+        if std::mem::take(&mut self.events.acknowledged) {
+            return Some(WriterEvent::Acknowledged);
+        }
+        std::mem::take(&mut self.events.liveliness_lost).then_some(WriterEvent::LivelinessLost)
+    }
+
+    fn add_reader(&mut self, now: Instant, remote: &RemoteEndpoint) {
+        let is_reliable =
+            self.config.qos.reliability.is_reliable() && remote.qos.reliability.is_reliable();
+        let wants_past = self.keeps_past() && remote.qos.durability != Durability::Volatile;
+        let next = self.live.untouched();
+        let start = if wants_past { SequenceNumber(1) } else { next };
+        let mut proxy = ReaderProxy::new(now, remote, is_reliable, start, &self.config.timing);
+        if is_reliable {
+            proxy.outbox.greet(start);
+        } else {
+            proxy.outbox.replay(start, next);
+        }
+        if proxy.lags_behind(self.live.end()) {
+            self.heartbeats.arm(proxy.next_heartbeat());
+        }
+        self.readers.insert(remote.guid, proxy);
+        self.enqueue(now, remote.guid);
+    }
+
+    /// HEARTBEATs for those that have not acknowledged what they were sent.
+    fn remind_readers(&mut self, now: Instant) {
+        let end = self.live.end();
+        let mut due = Vec::new();
+        for proxy in self.readers.values_mut().filter(|p| p.lags_behind(end)) {
+            if proxy.next_heartbeat() <= now {
+                proxy.remind(now, &self.config.timing);
+                due.push(proxy.guid());
+            }
+            self.heartbeats.arm(proxy.next_heartbeat());
+        }
+        for reader in due {
+            self.enqueue(now, reader);
+        }
+    }
+
+    /// What all reliable readers have acknowledged; everything without any.
+    fn acknowledged(&self) -> SequenceNumber {
+        self.lowest_acknowledged.unwrap_or(self.last)
+    }
+
+    fn has_reliable_readers(&self) -> bool {
+        self.lowest_acknowledged.is_some()
+    }
+
+    fn refresh_readers(&mut self) {
+        let addresses: BTreeSet<SocketAddr> = self
+            .readers
+            .values()
+            .flat_map(|proxy| proxy.address().iter().copied())
+            .collect();
+        self.destinations = addresses.into_iter().collect();
+        self.refresh_acknowledged();
+    }
+
+    fn refresh_acknowledged(&mut self) {
+        let reliable = self.readers.values().filter(|proxy| proxy.is_reliable());
+        self.lowest_acknowledged = reliable.map(ReaderProxy::acknowledged).min();
+    }
+
+    /// The readers need less than before.
+    fn handle_progress(&mut self) {
+        if self.acknowledged() >= self.live.end().previous() {
+            self.heartbeats.disarm();
+        }
+        self.release();
+        self.events.acknowledged = true;
+    }
+}

@@ -1,0 +1,212 @@
+//! What is to be sent to one reader alone: what it asked for, and what it must know.
+
+use std::collections::VecDeque;
+use std::time::Instant;
+
+use super::requests::{ChangeRequest, FragmentRequest};
+use super::suppression::Suppression;
+use super::{Packet, Position, WriterTiming};
+use crate::history::HistoryCache;
+use crate::wire::{FragmentNumberSet, SequenceNumber, SequenceNumberSet};
+
+/// What a reader can be sent: the changes of `history` from `start` to below `end`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Source<'a> {
+    pub(super) history: &'a HistoryCache,
+    /// The first change that concerns the reader.
+    pub(super) start: SequenceNumber,
+    /// The first change that has not been sent to all readers yet.
+    pub(super) end: SequenceNumber,
+}
+
+impl Source<'_> {
+    /// Whether the change is there and concerns the reader.
+    pub(super) fn has(&self, sequence: SequenceNumber) -> bool {
+        sequence >= self.start && self.history.get(sequence).is_some()
+    }
+}
+
+/// The things to be sent to one reader, in the order of their fields.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Outbox {
+    /// A GAP from 1 to below the first change that concerns the reader.
+    gap_to_start: bool,
+    changes: Option<ChangeRequest>,
+    fragments: VecDeque<FragmentRequest>,
+    /// What a best-effort late joiner gets of the past: the next change, and the first that it gets anyway.
+    replay: Option<(Position, SequenceNumber)>,
+    heartbeat: bool,
+    not_before: Option<Instant>,
+    suppressed_changes: Suppression,
+    suppressed_fragments: Suppression,
+}
+
+impl Outbox {
+    /// Requests for fragments of so many changes are kept; a reader repeats what is forgotten.
+    const MAX_FRAGMENT_REQUESTS: usize = 16;
+
+    /// The reader must be told what the writer has, and that it need not wait for what is below `start`.
+    pub(super) fn greet(&mut self, start: SequenceNumber) {
+        self.gap_to_start = start > SequenceNumber(1);
+        self.heartbeat = true;
+    }
+
+    /// The changes from `first` to below `end` are to be sent without being asked for.
+    pub(super) fn replay(&mut self, first: SequenceNumber, end: SequenceNumber) {
+        self.replay = (first < end).then_some((Position::start_of(first), end));
+    }
+
+    /// A HEARTBEAT is to be sent after all else.
+    pub(super) fn announce(&mut self) {
+        self.heartbeat = true;
+    }
+
+    /// The reader asks for changes; replaces what it asked for before. Those from `end` on are on their way.
+    pub(super) fn request_changes(
+        &mut self,
+        now: Instant,
+        missing: SequenceNumberSet,
+        end: SequenceNumber,
+        timing: &WriterTiming,
+    ) {
+        self.changes = ChangeRequest::new(missing, end);
+        if let Some(request) = &self.changes {
+            let allowed_at = self
+                .suppressed_changes
+                .allowed_at(now, request.first())
+                .max(now + timing.nack_response_delay);
+            self.not_before = Some(allowed_at);
+        }
+    }
+
+    /// The reader asks for fragments of a change.
+    pub(super) fn request_fragments(
+        &mut self,
+        now: Instant,
+        sequence: SequenceNumber,
+        missing: FragmentNumberSet,
+        timing: &WriterTiming,
+    ) {
+        self.fragments
+            .retain(|request| request.sequence() != sequence);
+        let request = FragmentRequest::new(sequence, missing);
+        let Some(first) = request.next() else {
+            return;
+        };
+        if self.fragments.len() < Self::MAX_FRAGMENT_REQUESTS {
+            self.fragments.push_back(request);
+            let allowed_at = self
+                .suppressed_fragments
+                .allowed_at(now, first)
+                .max(now + timing.nack_response_delay);
+            self.not_before = self.not_before.max(Some(allowed_at));
+        }
+    }
+
+    /// Until when everything must wait.
+    pub(super) fn not_before(&self) -> Option<Instant> {
+        self.not_before
+    }
+
+    /// Whether there is nothing to send.
+    pub(super) fn is_empty(&self) -> bool {
+        !self.gap_to_start
+            && self.changes.is_none()
+            && self.fragments.is_empty()
+            && self.replay.is_none()
+            && !self.heartbeat
+    }
+
+    /// Whether all that remains is a HEARTBEAT.
+    pub(super) fn wants_heartbeat(&self) -> bool {
+        self.heartbeat
+    }
+
+    /// The HEARTBEAT has been sent.
+    pub(super) fn announced(&mut self) {
+        self.heartbeat = false;
+    }
+
+    /// Appends all but the HEARTBEAT, as long as it fits; gives whether nothing of it remains.
+    pub(super) fn fill(
+        &mut self,
+        now: Instant,
+        source: &Source<'_>,
+        timing: &WriterTiming,
+        packet: &mut Packet<'_>,
+    ) -> bool {
+        self.not_before = None;
+        self.fill_gap_to_start(source, packet)
+            && self.fill_changes(now, source, timing, packet)
+            && self.fill_fragments(now, source, timing, packet)
+            && self.fill_replay(source, packet)
+    }
+
+    fn fill_gap_to_start(&mut self, source: &Source<'_>, packet: &mut Packet<'_>) -> bool {
+        let list = SequenceNumberSet::empty(source.start);
+        if self.gap_to_start && packet.gap(SequenceNumber(1), list) {
+            self.gap_to_start = false;
+        }
+        !self.gap_to_start
+    }
+
+    fn fill_changes(
+        &mut self,
+        now: Instant,
+        source: &Source<'_>,
+        timing: &WriterTiming,
+        packet: &mut Packet<'_>,
+    ) -> bool {
+        let Some(request) = &mut self.changes else {
+            return true;
+        };
+        if !request.has_begun() {
+            self.suppressed_changes.begin(now, request.first(), timing);
+        }
+        let is_done = request.fill(source, packet);
+        self.suppressed_changes.proceed(now, request.position());
+        if is_done {
+            // The reader can say at once what got lost again.
+            self.heartbeat = true;
+            self.changes = None;
+        }
+        is_done
+    }
+
+    fn fill_fragments(
+        &mut self,
+        now: Instant,
+        source: &Source<'_>,
+        timing: &WriterTiming,
+        packet: &mut Packet<'_>,
+    ) -> bool {
+        while let Some(request) = self.fragments.front_mut() {
+            if let Some(first) = request.next().filter(|_| !request.has_begun()) {
+                self.suppressed_fragments.begin(now, first, timing);
+            }
+            let is_done = request.fill(source, packet);
+            self.suppressed_fragments.proceed(now, request.position());
+            if !is_done {
+                return false;
+            }
+            self.fragments.pop_front();
+            self.heartbeat = true;
+        }
+        true
+    }
+
+    fn fill_replay(&mut self, source: &Source<'_>, packet: &mut Packet<'_>) -> bool {
+        while let Some((position, end)) = &mut self.replay {
+            let next = source.history.next_from(position.sequence);
+            let Some((sequence, change)) = next.filter(|(sequence, _)| sequence < end) else {
+                self.replay = None;
+                break;
+            };
+            position.skip_to(sequence);
+            if !packet.change(position, change) {
+                return false;
+            }
+        }
+        true
+    }
+}

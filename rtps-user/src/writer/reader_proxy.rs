@@ -1,0 +1,163 @@
+//! ReaderProxy: what a writer knows of one matched reader (RTPS 2.5 section 8.4.7.2).
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use super::WriterTiming;
+use super::count::Count;
+use super::outbox::Outbox;
+use crate::RemoteEndpoint;
+use crate::wire::{AckNack, Guid, NackFrag, SequenceNumber};
+
+/// A matched reader.
+#[derive(Debug)]
+pub(super) struct ReaderProxy {
+    guid: Guid,
+    /// Where it is reached: one address, or none.
+    address: Arc<[SocketAddr]>,
+    is_reliable: bool,
+    /// The first change that concerns it.
+    start: SequenceNumber,
+    /// It has acknowledged everything up to this change.
+    acknowledged: SequenceNumber,
+    acknack_count: Count,
+    nack_frag_count: Count,
+    heartbeat_period: Duration,
+    next_heartbeat: Instant,
+    answered_at: Option<Instant>,
+    /// Whether it stands in the writer's queue of readers to be sent something.
+    pub(super) is_queued: bool,
+    pub(super) outbox: Outbox,
+}
+
+impl ReaderProxy {
+    /// For a reader that changes from `start` on concern.
+    pub(super) fn new(
+        now: Instant,
+        remote: &RemoteEndpoint,
+        is_reliable: bool,
+        start: SequenceNumber,
+        timing: &WriterTiming,
+    ) -> Self {
+        Self {
+            guid: remote.guid,
+            address: first_address(remote),
+            is_reliable,
+            start,
+            acknowledged: start.previous(),
+            acknack_count: Count::default(),
+            nack_frag_count: Count::default(),
+            heartbeat_period: timing.heartbeat_period,
+            next_heartbeat: now + timing.heartbeat_period,
+            answered_at: None,
+            is_queued: false,
+            outbox: Outbox::default(),
+        }
+    }
+
+    /// Discovery has got other locators for it.
+    pub(super) fn update(&mut self, remote: &RemoteEndpoint) {
+        if self.address.first() != remote.unicast.first() {
+            self.address = first_address(remote);
+        }
+    }
+
+    pub(super) fn guid(&self) -> Guid {
+        self.guid
+    }
+
+    pub(super) fn address(&self) -> &Arc<[SocketAddr]> {
+        &self.address
+    }
+
+    pub(super) fn is_reliable(&self) -> bool {
+        self.is_reliable
+    }
+
+    pub(super) fn start(&self) -> SequenceNumber {
+        self.start
+    }
+
+    pub(super) fn acknowledged(&self) -> SequenceNumber {
+        self.acknowledged
+    }
+
+    /// Takes in an ACKNACK, where `end` is the first change that has not been sent yet; gives whether the reader
+    /// has got further.
+    pub(super) fn handle_acknack(
+        &mut self,
+        now: Instant,
+        acknack: &AckNack,
+        end: SequenceNumber,
+        timing: &WriterTiming,
+    ) -> bool {
+        if !self.is_reliable || !self.acknack_count.accept(now, acknack.count) {
+            return false;
+        }
+        // Nobody can have what was not sent: a larger number is an error or an attack.
+        let acknowledged = acknack.state.base.min(end).previous();
+        let has_progress = acknowledged > self.acknowledged;
+        if has_progress {
+            self.acknowledged = acknowledged;
+            self.heartbeat_period = timing.heartbeat_period;
+            self.next_heartbeat = now + timing.heartbeat_period;
+        }
+        self.outbox.request_changes(now, acknack.state, end, timing);
+        if self.wants_answer(acknack) && self.may_answer(now, timing) {
+            self.answered_at = Some(now);
+            self.outbox.announce();
+        }
+        has_progress
+    }
+
+    /// Takes in a NACK_FRAG.
+    pub(super) fn handle_nack_frag(
+        &mut self,
+        now: Instant,
+        nack: &NackFrag,
+        end: SequenceNumber,
+        timing: &WriterTiming,
+    ) {
+        // A change that is being sent will be followed by a HEARTBEAT that asks for what is missing then.
+        let is_sent = nack.sequence < end;
+        if self.is_reliable && self.nack_frag_count.accept(now, nack.count) && is_sent {
+            self.outbox
+                .request_fragments(now, nack.sequence, nack.missing, timing);
+        }
+    }
+
+    /// Whether the reader is to be reminded of changes below `end`.
+    pub(super) fn lags_behind(&self, end: SequenceNumber) -> bool {
+        self.is_reliable && self.acknowledged.next() < end
+    }
+
+    /// When the next reminder is due, where the reader lags behind.
+    pub(super) fn next_heartbeat(&self) -> Instant {
+        self.next_heartbeat
+    }
+
+    /// Puts a reminder into the outbox; the next one comes later the more of them bring nothing.
+    pub(super) fn remind(&mut self, now: Instant, timing: &WriterTiming) {
+        self.outbox.announce();
+        self.heartbeat_period = (self.heartbeat_period * 2).min(timing.heartbeat_period_max);
+        self.next_heartbeat = now + self.heartbeat_period;
+    }
+
+    /// An ACKNACK that is not final asks for a HEARTBEAT (RTPS 8.3.8.1), and so does the one that a reader sends
+    /// before it has heard of the writer: everything from 0 or 1 on, nothing missing.
+    fn wants_answer(&self, acknack: &AckNack) -> bool {
+        let is_preemptive = acknack.state.base <= SequenceNumber(1) && acknack.state.is_empty();
+        !acknack.is_final || is_preemptive
+    }
+
+    /// A reader that answers each HEARTBEAT with a question is not answered faster than it can get on.
+    fn may_answer(&self, now: Instant, timing: &WriterTiming) -> bool {
+        self.answered_at
+            .is_none_or(|answered_at| answered_at + timing.nack_suppression <= now)
+    }
+}
+
+fn first_address(remote: &RemoteEndpoint) -> Arc<[SocketAddr]> {
+    remote.unicast.iter().take(1).copied().collect()
+}

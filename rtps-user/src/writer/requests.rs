@@ -1,0 +1,160 @@
+//! What readers ask for, and how far the answer has got (RTPS 2.5 sections 8.4.7.2.7 and 8.3.8.11).
+
+use super::outbox::Source;
+use super::{Packet, Position};
+use crate::wire::{FragmentNumberSet, SequenceNumber, SequenceNumberSet};
+
+/// The changes that an ACKNACK asked for.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ChangeRequest {
+    missing: SequenceNumberSet,
+    first: SequenceNumber,
+    end: SequenceNumber,
+    position: Position,
+    has_begun: bool,
+}
+
+impl ChangeRequest {
+    /// The members of `missing` from 1 to below `end`; `None` without any.
+    pub(super) fn new(missing: SequenceNumberSet, end: SequenceNumber) -> Option<Self> {
+        let first = missing.iter().find(|member| member.0 > 0)?;
+        if first >= end {
+            return None;
+        }
+        Some(Self {
+            missing,
+            first,
+            end,
+            position: Position::start_of(first),
+            has_begun: false,
+        })
+    }
+
+    /// What it begins with.
+    pub(super) fn first(&self) -> Position {
+        Position::start_of(self.first)
+    }
+
+    /// What comes next.
+    pub(super) fn position(&self) -> Position {
+        self.position
+    }
+
+    /// Whether a part of the answer has been sent.
+    pub(super) fn has_begun(&self) -> bool {
+        self.has_begun
+    }
+
+    /// Appends a GAP for all that is not there, then the changes; gives whether the answer is complete.
+    pub(super) fn fill(&mut self, source: &Source<'_>, packet: &mut Packet<'_>) -> bool {
+        if !self.has_begun {
+            if !self.fill_gap(source, packet) {
+                return false;
+            }
+            self.has_begun = true;
+        }
+        while let Some(sequence) = self.member_from(self.position.sequence) {
+            self.position.skip_to(sequence);
+            let change = source
+                .history
+                .get(sequence)
+                .filter(|_| source.has(sequence));
+            match change {
+                Some(change) if !packet.change(&mut self.position, change) => return false,
+                Some(_) => {}
+                None => self.position.skip_to(sequence.next()),
+            }
+        }
+        true
+    }
+
+    fn member_from(&self, from: SequenceNumber) -> Option<SequenceNumber> {
+        let end = self.missing.base.plus(SequenceNumberSet::MAX_SPAN);
+        (from.0..end.min(self.end).0)
+            .map(SequenceNumber)
+            .find(|sequence| self.missing.contains(*sequence))
+    }
+
+    /// One GAP says it all: a range from the first that is not there, and later ones as members of its list.
+    fn fill_gap(&self, source: &Source<'_>, packet: &mut Packet<'_>) -> bool {
+        let members = || {
+            let members = self.missing.iter();
+            members.filter(|member| (self.first..self.end).contains(member))
+        };
+        let Some(first) = members().find(|member| !source.has(*member)) else {
+            return true;
+        };
+        let next = source.history.next_from(first.max(source.start));
+        let range_end = next.map_or(source.end, |(next, _)| next.min(source.end));
+        let others = members().filter(|member| *member > range_end && !source.has(*member));
+        packet.gap(first, SequenceNumberSet::from_members(range_end, others))
+    }
+}
+
+/// The fragments that a NACK_FRAG asked for.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FragmentRequest {
+    sequence: SequenceNumber,
+    missing: FragmentNumberSet,
+    next: u32,
+    has_begun: bool,
+}
+
+impl FragmentRequest {
+    /// All members of `missing`.
+    pub(super) fn new(sequence: SequenceNumber, missing: FragmentNumberSet) -> Self {
+        Self {
+            sequence,
+            missing,
+            next: 1,
+            has_begun: false,
+        }
+    }
+
+    /// The change whose fragments are asked for.
+    pub(super) fn sequence(&self) -> SequenceNumber {
+        self.sequence
+    }
+
+    /// The next fragment that is asked for.
+    pub(super) fn next(&self) -> Option<Position> {
+        let fragment = self.missing.iter().find(|member| *member >= self.next)?;
+        Some(Position {
+            sequence: self.sequence,
+            fragment,
+        })
+    }
+
+    /// How far the answer has got.
+    pub(super) fn position(&self) -> Position {
+        Position {
+            sequence: self.sequence,
+            fragment: self.next,
+        }
+    }
+
+    /// Whether a part of the answer has been sent.
+    pub(super) fn has_begun(&self) -> bool {
+        self.has_begun
+    }
+
+    /// Appends the fragments, or a GAP where the change is gone; gives whether the answer is complete.
+    pub(super) fn fill(&mut self, source: &Source<'_>, packet: &mut Packet<'_>) -> bool {
+        self.has_begun = true;
+        let change = source.history.get(self.sequence);
+        let Some(change) = change.filter(|_| source.has(self.sequence)) else {
+            let list = SequenceNumberSet::empty(self.sequence.next());
+            return packet.gap(self.sequence, list);
+        };
+        while let Some(Position { fragment, .. }) = self.next() {
+            if !packet.has_fragment(fragment, change) {
+                break;
+            }
+            if !packet.fragment(self.sequence, fragment, change) {
+                return false;
+            }
+            self.next = fragment + 1;
+        }
+        true
+    }
+}

@@ -1,0 +1,129 @@
+//! Which changes the history takes and keeps: HISTORY, RESOURCE_LIMITS and DURABILITY (DDS 1.4 sections 2.2.3.18,
+//! 2.2.3.19 and 2.2.3.4).
+
+use super::{WriteError, Writer};
+use crate::history::{ChangeKind, Instance, NewChange};
+use crate::qos::{Durability, History};
+use crate::wire::{KeyHash, SequenceNumber};
+
+impl Writer {
+    /// Makes room for a change, or says why there is none.
+    pub(super) fn make_room(&mut self, change: &NewChange) -> Result<(), WriteError> {
+        if u32::try_from(change.payload.len()).is_err() {
+            return Err(WriteError::TooLarge(change.payload.len()));
+        }
+        let limits = self.config.qos.resource_limits;
+        let instance = self.history.instance(change.instance);
+        if instance.is_none() && is_reached(self.history.instances(), limits.max_instances) {
+            return Err(self.no_room_for_instance());
+        }
+        match (self.config.qos.history, instance) {
+            (History::KeepLast(depth), Some(_)) => self.replace_in(change.instance, depth.max(1)),
+            (History::KeepLast(_), None) => {}
+            (History::KeepAll, _) if self.is_window_full() => return Err(WriteError::HistoryFull),
+            (History::KeepAll, Some(Instance { len, oldest, .. }))
+                if is_reached(len, limits.max_samples_per_instance) =>
+            {
+                self.give_up(Some(oldest))?;
+            }
+            (History::KeepAll, _) => {}
+        }
+        if is_reached(self.history.len(), limits.max_samples) {
+            self.give_up(self.history.first())?;
+        }
+        Ok(())
+    }
+
+    /// Whether changes stay for late joiners once everybody has them.
+    pub(super) fn keeps_past(&self) -> bool {
+        self.config.qos.durability != Durability::Volatile
+    }
+
+    /// Drops what nobody needs any more.
+    pub(super) fn release(&mut self) {
+        let done = self.done();
+        if self.keeps_past() {
+            self.release_unregistered(done);
+        } else {
+            while self.history.pop_through(done).is_some() {}
+        }
+    }
+
+    /// Remembers that an instance's changes may go once its unregistration has been acknowledged: nobody may
+    /// rely on an instance without writers.
+    pub(super) fn note_unregistration(&mut self, kind: ChangeKind, sequence: SequenceNumber) {
+        if kind.status_info().unregistered && self.keeps_past() {
+            self.unregistered.push_back(sequence);
+        }
+    }
+
+    /// How many changes a HEARTBEAT may wait for: fewer than fit, or else a history with a limit would fill up
+    /// before its readers are asked for acknowledgements.
+    pub(super) fn changes_per_heartbeat(&self) -> u32 {
+        let limits = self.config.qos.resource_limits;
+        let every = self.config.timing.heartbeat_samples;
+        match self.config.qos.history {
+            History::KeepLast(_) => every,
+            History::KeepAll => [limits.max_samples, limits.max_samples_per_instance]
+                .into_iter()
+                .flatten()
+                .fold(every, |every, limit| every.min(limit / 4)),
+        }
+    }
+
+    /// The last change that has been sent and that all reliable readers have acknowledged.
+    fn done(&self) -> SequenceNumber {
+        self.acknowledged().min(self.live.end().previous())
+    }
+
+    fn replace_in(&mut self, instance: KeyHash, depth: u32) {
+        while let Some(Instance { len, oldest, .. }) = self.history.instance(instance)
+            && len >= depth as usize
+        {
+            self.history.remove(oldest);
+        }
+    }
+
+    /// Drops a change that all have, though late joiners might still want it.
+    fn give_up(&mut self, oldest: Option<SequenceNumber>) -> Result<(), WriteError> {
+        match oldest {
+            Some(oldest) if oldest <= self.done() => {
+                self.history.remove(oldest);
+                Ok(())
+            }
+            _ => Err(WriteError::HistoryFull),
+        }
+    }
+
+    fn no_room_for_instance(&self) -> WriteError {
+        if self.keeps_past() {
+            WriteError::OutOfResources
+        } else {
+            WriteError::HistoryFull
+        }
+    }
+
+    fn is_window_full(&self) -> bool {
+        !self.keeps_past()
+            && self.config.qos.reliability.is_reliable()
+            && self.history.bytes() >= self.config.timing.max_unacknowledged_bytes
+    }
+
+    fn release_unregistered(&mut self, done: SequenceNumber) {
+        while let Some(sequence) = self.unregistered.pop_front_if(|front| *front <= done) {
+            let Some(instance) = self.history.get(sequence).map(|change| change.instance) else {
+                continue;
+            };
+            let list = self.history.instance(instance);
+            if list.is_some_and(|list| list.newest == sequence) {
+                while let Some(Instance { oldest, .. }) = self.history.instance(instance) {
+                    self.history.remove(oldest);
+                }
+            }
+        }
+    }
+}
+
+fn is_reached(len: usize, limit: Option<u32>) -> bool {
+    limit.is_some_and(|limit| len >= limit as usize)
+}

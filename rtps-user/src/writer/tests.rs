@@ -1,0 +1,439 @@
+//! A writer alone, its readers played by hand: exactly which submessages leave it, and when.
+
+use std::net::SocketAddr;
+use std::time::{Duration, Instant};
+
+use super::*;
+use crate::history::ChangeKind;
+use crate::qos::{History, Liveliness, Reliability};
+use crate::wire::{
+    EntityId, EntityKind, FragmentNumberSet, GuidPrefix, KeyHash, MessageReceiver,
+    SequenceNumberSet, Submessage, Timestamp,
+};
+
+const DATAGRAM: usize = 1472;
+
+fn writer_guid() -> Guid {
+    let entity = EntityId::of_app(1, 1, EntityKind::WriterWithKey);
+    Guid::new(GuidPrefix([1; 12]), entity)
+}
+
+fn reader_guid(number: u8) -> Guid {
+    let entity = EntityId::of_app(2, u16::from(number), EntityKind::ReaderWithKey);
+    Guid::new(GuidPrefix([2; 12]), entity)
+}
+
+fn reliable(durability: Durability) -> Qos {
+    Qos {
+        reliability: Reliability::RELIABLE,
+        history: History::KeepAll,
+        durability,
+        ..Qos::default()
+    }
+}
+
+fn change(bytes: usize) -> NewChange {
+    NewChange {
+        kind: ChangeKind::Alive,
+        instance: KeyHash::default(),
+        payload: vec![0; bytes].into(),
+        timestamp: Timestamp::default(),
+    }
+}
+
+/// A writer, the time, and what it has sent.
+struct Bench {
+    writer: Writer,
+    now: Instant,
+    count: i32,
+}
+
+/// Where a datagram went, and a line for each of its submessages.
+type Sent = (Vec<SocketAddr>, Vec<String>);
+
+impl Bench {
+    fn new(qos: Qos) -> Self {
+        let config = WriterConfig {
+            guid: writer_guid(),
+            qos,
+            datagram_size: DATAGRAM,
+            timing: WriterTiming::default(),
+        };
+        Self {
+            writer: Writer::new(config),
+            now: Instant::now(),
+            count: 0,
+        }
+    }
+
+    fn write(&mut self, bytes: usize) {
+        self.writer.write(self.now, change(bytes)).unwrap();
+    }
+
+    /// Matches reader `number`, which listens on that port.
+    fn match_reader(&mut self, number: u8, port: u16, qos: Qos) {
+        let remote = RemoteEndpoint {
+            guid: reader_guid(number),
+            unicast: vec![SocketAddr::from(([10, 0, 0, 1], port))],
+            multicast: Vec::new(),
+            expects_inline_qos: false,
+            qos,
+            topic: String::new(),
+            type_name: String::new(),
+        };
+        self.writer.match_reader(self.now, &remote);
+    }
+
+    fn acknack(&mut self, number: u8, base: i64, missing: &[i64]) {
+        self.count += 1;
+        let base = SequenceNumber(base);
+        let missing = missing.iter().copied().map(SequenceNumber);
+        let acknack = AckNack {
+            reader: reader_guid(number).entity,
+            writer: writer_guid().entity,
+            state: SequenceNumberSet::from_members(base, missing),
+            count: self.count,
+            is_final: true,
+        };
+        self.writer
+            .handle_acknack(self.now, reader_guid(number), &acknack);
+    }
+
+    fn nack_frag(&mut self, number: u8, sequence: i64, missing: &[u32]) {
+        self.count += 1;
+        let nack = NackFrag {
+            reader: reader_guid(number).entity,
+            writer: writer_guid().entity,
+            sequence: SequenceNumber(sequence),
+            missing: FragmentNumberSet::from_members(missing[0], missing.iter().copied()),
+            count: self.count,
+        };
+        self.writer
+            .handle_nack_frag(self.now, reader_guid(number), &nack);
+    }
+
+    fn sent(&mut self) -> Vec<Sent> {
+        let mut out = Vec::new();
+        let mut sent = Vec::new();
+        while let Some(transmit) = self.writer.poll_transmit(self.now, &mut out) {
+            assert!(out.len() <= DATAGRAM);
+            let receiver = MessageReceiver::new(reader_guid(0).prefix, &out).unwrap();
+            let lines = receiver.map(|received| describe(&received.unwrap().submessage));
+            sent.push((transmit.destinations.to_vec(), lines.collect()));
+        }
+        sent
+    }
+
+    /// The submessages of all that was sent.
+    fn lines(&mut self) -> Vec<String> {
+        self.sent()
+            .into_iter()
+            .flat_map(|(_, lines)| lines)
+            .collect()
+    }
+
+    /// Lets time pass in the steps that the writer asks for.
+    fn pass(&mut self, time: Duration) -> Vec<String> {
+        let end = self.now + time;
+        let mut lines = self.lines();
+        while let Some(due) = self.writer.poll_timeout().filter(|due| *due <= end) {
+            self.now = self.now.max(due);
+            self.writer.handle_timeout(self.now);
+            lines.extend(self.lines());
+        }
+        self.now = end;
+        lines
+    }
+}
+
+fn describe(submessage: &Submessage<'_>) -> String {
+    let to = |reader: EntityId| match reader {
+        EntityId::UNKNOWN => "all".to_owned(),
+        reader => reader.0[2].to_string(),
+    };
+    match submessage {
+        Submessage::Data(data) => format!("DATA {} to {}", data.sequence, to(data.reader)),
+        Submessage::DataFrag(data) => format!(
+            "DATA_FRAG {}.{} to {}",
+            data.sequence,
+            data.first_fragment,
+            to(data.reader)
+        ),
+        Submessage::Gap(gap) => {
+            let list: Vec<_> = gap.list.iter().map(|member| member.0).collect();
+            let (start, end) = (gap.start, gap.list.base);
+            format!("GAP {start}..{end} {list:?} to {}", to(gap.reader))
+        }
+        Submessage::Heartbeat(heartbeat) => format!(
+            "HEARTBEAT {}..={}{}{} to {}",
+            heartbeat.first,
+            heartbeat.last,
+            if heartbeat.is_final { " final" } else { "" },
+            if heartbeat.liveliness { " alive" } else { "" },
+            to(heartbeat.reader)
+        ),
+        other => format!("{other:?}"),
+    }
+}
+
+/// A writer with a reader that has been greeted.
+fn matched(qos: Qos) -> Bench {
+    let mut bench = Bench::new(qos.clone());
+    bench.match_reader(1, 7411, qos);
+    assert_eq!(bench.lines(), ["HEARTBEAT 1..=0 final to 1"]);
+    bench
+}
+
+#[test]
+fn readers_behind_one_address_share_a_datagram() {
+    let mut bench = Bench::new(Qos::default());
+    for (reader, port) in [(1, 7411), (2, 7411), (3, 7413)] {
+        bench.match_reader(reader, port, Qos::default());
+    }
+    bench.write(100);
+    let sent = bench.sent();
+    let [(destinations, lines)] = sent.as_slice() else {
+        panic!("one datagram, not {sent:?}");
+    };
+    let ports: Vec<_> = destinations.iter().map(SocketAddr::port).collect();
+    assert_eq!(ports, [7411, 7413]);
+    assert_eq!(lines, &["DATA 1 to all"]);
+    assert_eq!(bench.writer.poll_timeout(), None);
+}
+
+#[test]
+fn small_changes_share_a_datagram_when_they_pile_up() {
+    let mut bench = Bench::new(Qos::default());
+    bench.match_reader(1, 7411, Qos::default());
+    bench.writer.config.qos.history = History::KeepAll;
+    for _ in 0..10 {
+        bench.write(100);
+    }
+    assert_eq!(bench.sent().len(), 2);
+}
+
+#[test]
+fn replaced_before_sent_is_said_to_reliable_readers_only() {
+    for (reliability, first) in [
+        (Reliability::RELIABLE, Some("GAP 1..3 [] to all")),
+        (Reliability::BestEffort, None),
+    ] {
+        let qos = Qos {
+            reliability,
+            ..Qos::default()
+        };
+        let mut bench = Bench::new(qos.clone());
+        bench.match_reader(1, 7411, qos);
+        bench.lines();
+        for _ in 0..3 {
+            bench.write(10);
+        }
+        let expected: Vec<_> = first.into_iter().chain(["DATA 3 to all"]).collect();
+        assert_eq!(bench.lines(), expected);
+    }
+}
+
+#[test]
+fn reminders_come_ever_later_and_end_with_the_acknowledgement() {
+    let mut bench = matched(reliable(Durability::Volatile));
+    bench.write(100);
+    assert_eq!(bench.lines(), ["DATA 1 to all"]);
+    assert!(bench.pass(Duration::from_millis(9)).is_empty());
+    let reminder = ["HEARTBEAT 1..=1 to 1"];
+    assert_eq!(bench.pass(Duration::from_millis(1)), reminder);
+    assert!(bench.pass(Duration::from_millis(19)).is_empty());
+    assert_eq!(bench.pass(Duration::from_millis(1)), reminder);
+    let reminders = bench.pass(Duration::from_secs(60)).len();
+    assert!((60..70).contains(&reminders), "{reminders}");
+    bench.acknack(1, 2, &[]);
+    assert_eq!(bench.writer.poll_event(), Some(WriterEvent::Acknowledged));
+    assert!(bench.writer.all_acknowledged());
+    assert!(bench.pass(Duration::from_secs(60)).is_empty());
+    assert_eq!(bench.writer.poll_timeout(), None);
+}
+
+#[test]
+fn a_heartbeat_travels_with_every_32nd_change() {
+    let mut bench = matched(reliable(Durability::Volatile));
+    let mut heartbeats = 0;
+    for number in 1..=96 {
+        bench.write(100);
+        let lines = bench.lines();
+        heartbeats += lines.len() - 1;
+        assert_eq!(lines.len() == 2, number % 32 == 0, "{lines:?}");
+    }
+    assert_eq!(heartbeats, 3);
+}
+
+#[test]
+fn the_heartbeat_for_a_full_history_comes_in_time() {
+    let mut qos = reliable(Durability::Volatile);
+    qos.resource_limits.max_samples = Some(8);
+    let mut bench = matched(qos);
+    for _ in 0..8 {
+        bench.write(100);
+    }
+    assert!(bench.writer.write(bench.now, change(100)).is_err());
+    let lines = bench.lines();
+    assert_eq!(lines.last().unwrap(), "HEARTBEAT 1..=8 to all");
+}
+
+#[test]
+fn missing_changes_are_repeated_and_gone_ones_are_gaps() {
+    let mut bench = matched(reliable(Durability::Volatile));
+    for _ in 0..9 {
+        bench.write(100);
+    }
+    bench.lines();
+    for gone in [2, 3, 5, 7] {
+        bench.writer.remove(SequenceNumber(gone));
+    }
+    bench.acknack(1, 2, &[2, 3, 4, 5, 6, 7, 300]);
+    assert_eq!(
+        bench.lines(),
+        [
+            "GAP 2..4 [5, 7] to 1",
+            "DATA 4 to 1",
+            "DATA 6 to 1",
+            "HEARTBEAT 4..=9 to 1"
+        ]
+    );
+}
+
+#[test]
+fn the_same_request_waits_ever_longer() {
+    let mut bench = matched(reliable(Durability::Volatile));
+    bench.write(100);
+    bench.write(100);
+    bench.lines();
+    let repair = ["DATA 2 to 1", "HEARTBEAT 2..=2 to 1"];
+    bench.acknack(1, 2, &[2]);
+    assert_eq!(bench.lines(), repair);
+    for delay in [2, 4, 8] {
+        bench.acknack(1, 2, &[2]);
+        assert!(bench.pass(Duration::from_millis(delay - 1)).is_empty());
+        assert_eq!(bench.pass(Duration::from_millis(1)), repair, "{delay} ms");
+    }
+}
+
+#[test]
+fn a_volatile_late_joiner_is_told_where_to_begin() {
+    let mut bench = matched(reliable(Durability::TransientLocal));
+    bench.write(100);
+    bench.write(100);
+    bench.lines();
+    bench.match_reader(2, 7412, reliable(Durability::Volatile));
+    let greeting = ["GAP 1..3 [] to 2", "HEARTBEAT 3..=2 final to 2"];
+    assert_eq!(bench.lines(), greeting);
+    bench.acknack(2, 1, &[1, 2]);
+    assert_eq!(bench.lines(), greeting);
+}
+
+#[test]
+fn a_transient_local_late_joiner_asks_and_gets() {
+    let mut bench = matched(reliable(Durability::TransientLocal));
+    bench.write(100);
+    bench.write(100);
+    bench.lines();
+    bench.acknack(1, 3, &[]);
+    bench.match_reader(2, 7412, reliable(Durability::TransientLocal));
+    assert_eq!(bench.lines(), ["HEARTBEAT 1..=2 to 2"]);
+    assert!(!bench.writer.all_acknowledged());
+    bench.acknack(2, 1, &[1, 2]);
+    assert_eq!(
+        bench.lines(),
+        ["DATA 1 to 2", "DATA 2 to 2", "HEARTBEAT 1..=2 to 2"]
+    );
+}
+
+#[test]
+fn a_preemptive_acknack_is_answered() {
+    for base in [0, 1] {
+        let mut bench = matched(reliable(Durability::TransientLocal));
+        bench.write(100);
+        bench.lines();
+        bench.acknack(1, base, &[]);
+        assert_eq!(bench.lines(), ["HEARTBEAT 1..=1 to 1"]);
+    }
+}
+
+#[test]
+fn duplicate_and_old_counts_are_ignored() {
+    let mut bench = matched(reliable(Durability::Volatile));
+    bench.write(100);
+    bench.lines();
+    bench.count = 10;
+    bench.acknack(1, 1, &[1]);
+    assert_eq!(bench.lines().len(), 2);
+    bench.count = 10;
+    bench.acknack(1, 2, &[]);
+    bench.count = 3;
+    bench.acknack(1, 2, &[]);
+    assert!(!bench.writer.all_acknowledged());
+}
+
+#[test]
+fn large_changes_are_fragments_and_a_heartbeat() {
+    let mut bench = matched(reliable(Durability::Volatile));
+    bench.write(3000);
+    let lines = bench.lines();
+    assert_eq!(
+        lines,
+        [
+            "DATA_FRAG 1.1 to all",
+            "DATA_FRAG 1.2 to all",
+            "DATA_FRAG 1.3 to all",
+            "HEARTBEAT 1..=1 to all"
+        ]
+    );
+    bench.nack_frag(1, 1, &[2, 3, 4]);
+    assert_eq!(
+        bench.lines(),
+        [
+            "DATA_FRAG 1.2 to 1",
+            "DATA_FRAG 1.3 to 1",
+            "HEARTBEAT 1..=1 to 1"
+        ]
+    );
+    bench.nack_frag(1, 7, &[1]);
+    assert!(bench.lines().is_empty(), "never sent, never repeated");
+}
+
+#[test]
+fn what_is_half_sent_is_not_in_heartbeats() {
+    let mut bench = matched(reliable(Durability::Volatile));
+    bench.write(3000);
+    let mut out = Vec::new();
+    assert!(bench.writer.poll_transmit(bench.now, &mut out).is_some());
+    bench.acknack(1, 1, &[]);
+    let lines = bench.lines();
+    assert_eq!(lines[0], "HEARTBEAT 1..=0 final to 1");
+}
+
+#[test]
+fn manual_liveliness_is_asserted_and_lost() {
+    let lease = crate::wire::Duration::from_std(Duration::from_secs(1));
+    let kind = LivelinessKind::ManualByTopic;
+    let mut bench = matched(Qos {
+        liveliness: Liveliness { kind, lease },
+        ..reliable(Durability::Volatile)
+    });
+    bench.writer.assert_liveliness(bench.now);
+    assert_eq!(bench.lines(), ["HEARTBEAT 1..=0 final alive to all"]);
+    bench.pass(Duration::from_millis(999));
+    assert_eq!(bench.writer.poll_event(), None);
+    bench.pass(Duration::from_millis(1));
+    assert_eq!(bench.writer.poll_event(), Some(WriterEvent::LivelinessLost));
+    assert_eq!(bench.writer.poll_timeout(), None);
+}
+
+#[test]
+fn a_resumed_writer_counts_on() {
+    let mut bench = Bench::new(reliable(Durability::Volatile));
+    bench.writer.resume_from(SequenceNumber(100), 7);
+    bench.match_reader(1, 7411, reliable(Durability::Volatile));
+    let greeting = ["GAP 1..100 [] to 1", "HEARTBEAT 100..=99 final to 1"];
+    assert_eq!(bench.lines(), greeting);
+    bench.write(100);
+    assert_eq!(bench.lines(), ["DATA 100 to all"]);
+}

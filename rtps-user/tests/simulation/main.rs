@@ -1,0 +1,16 @@
+//! Writers and readers on a virtual network in virtual time: latency, loss, reordering, duplication and an MTU.
+//!
+//! Every test prints the seed that it failed with; the same seed gives the same run. SIMULATION_FACTOR in the
+//! environment multiplies the number of seeds.
+
+mod best_effort;
+mod durability;
+mod fragments;
+mod history;
+mod hostile;
+mod instances;
+mod network;
+mod operations;
+mod random;
+mod reliability;
+mod sample;
