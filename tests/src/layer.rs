@@ -36,7 +36,11 @@ impl<'a> KernelLayer<'a> {
         command
             .args(["--iface", interface, "--ready-fd", "1"])
             .args(arguments);
-        let mut process = Process::spawn(&format!("rtpsd of {}", netns.label()), &mut command)?;
+        let mut process = Process::spawn_to_end_by(
+            Signal::SIGTERM,
+            &format!("rtpsd of {}", netns.label()),
+            &mut command,
+        )?;
         process.wait_line("ready", START)?;
         Ok(Self { netns, process })
     }

@@ -32,7 +32,16 @@ pub struct Process {
 impl Process {
     /// Starts the command; `label` appears in error messages.
     pub fn spawn(label: &str, command: &mut Command) -> Result<Self> {
-        sys::die_with_parent(command);
+        Self::spawn_to_end_by(Signal::SIGKILL, label, command)
+    }
+
+    /// As [`Process::spawn`], but when this process is killed the child gets `signal`, so that a
+    /// child with something to clean up can do so.
+    ///
+    /// # Errors
+    /// When the program cannot be started.
+    pub fn spawn_to_end_by(signal: Signal, label: &str, command: &mut Command) -> Result<Self> {
+        sys::end_with_parent(command, signal);
         let mut child = command
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
@@ -161,6 +170,17 @@ impl Process {
             .collect()
     }
 
+    /// All events printed so far, each with the time at which it was read.
+    #[must_use]
+    pub fn timed_events(&self) -> Vec<(Instant, Value)> {
+        self.output
+            .lock()
+            .lines
+            .iter()
+            .filter_map(|line| Some((line.at, parse_event(line)?)))
+            .collect()
+    }
+
     /// Everything printed so far, standard error included, in the order of arrival.
     #[must_use]
     pub fn text(&self) -> String {
@@ -183,6 +203,7 @@ enum Stream {
 }
 
 struct Line {
+    at: Instant,
     stream: Stream,
     text: String,
 }
@@ -234,7 +255,8 @@ fn read_lines(
             .flat_map(|pipe| BufReader::new(pipe).split(b'\n'));
         for bytes in lines.map_while(Result::ok) {
             let text = String::from_utf8_lossy(&bytes).into_owned();
-            output.lock().lines.push(Line { stream, text });
+            let at = Instant::now();
+            output.lock().lines.push(Line { at, stream, text });
             output.changed.notify_all();
         }
         output.lock().open_streams -= 1;

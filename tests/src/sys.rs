@@ -14,7 +14,7 @@ use std::process::Command;
 use std::sync::Arc;
 
 use nix::sched::{CloneFlags, setns};
-use nix::unistd::{Gid, Uid, setgroups, setresgid, setresuid};
+use nix::sys::signal::Signal;
 
 use crate::netns::Identity;
 
@@ -45,10 +45,10 @@ pub(crate) fn keep_open(command: &mut Command, file: File) {
 }
 
 /// Makes the kernel kill the child when the thread that spawns it ends, however it ends.
-pub(crate) fn die_with_parent(command: &mut Command) {
-    let set = || {
+pub(crate) fn end_with_parent(command: &mut Command, signal: Signal) {
+    let set = move || {
         // SAFETY: PR_SET_PDEATHSIG takes a signal number and no pointer.
-        match unsafe { libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGKILL) } {
+        match unsafe { libc::prctl(libc::PR_SET_PDEATHSIG, signal as libc::c_int) } {
             0 => Ok(()),
             _ => Err(io::Error::last_os_error()),
         }
@@ -57,18 +57,24 @@ pub(crate) fn die_with_parent(command: &mut Command) {
     unsafe { command.pre_exec(set) };
 }
 
-/// Drops every group, both ids and with them all capabilities.
-fn become_unprivileged(identity: Identity) -> io::Result<()> {
-    let (uid, gid) = (Uid::from_raw(identity.uid), Gid::from_raw(identity.gid));
-    setgroups(&[])?;
-    setresgid(gid, gid, gid)?;
-    setresuid(uid, uid, uid)?;
-    clear_capabilities()?;
-    // SAFETY: PR_SET_NO_NEW_PRIVS takes numbers and no pointer.
-    match unsafe { libc::prctl(libc::PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) } {
-        0 => Ok(()),
-        _ => Err(io::Error::last_os_error()),
+/// Drops every group, both ids and with them all capabilities, of the calling thread alone: the C library's
+/// functions of these names would change all threads.
+pub(crate) fn become_unprivileged(identity: Identity) -> io::Result<()> {
+    let Identity { uid, gid } = identity;
+    let no_groups: *const libc::gid_t = std::ptr::null();
+    // SAFETY: a list of no groups is not read; the other calls take numbers and no pointer.
+    let results = unsafe {
+        [
+            libc::syscall(libc::SYS_setgroups, 0, no_groups),
+            libc::syscall(libc::SYS_setresgid, gid, gid, gid),
+            libc::syscall(libc::SYS_setresuid, uid, uid, uid),
+            libc::c_long::from(libc::prctl(libc::PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0)),
+        ]
+    };
+    if results.iter().any(|result| *result != 0) {
+        return Err(io::Error::last_os_error());
     }
+    clear_capabilities()
 }
 
 /// Leaving uid 0 clears the permitted and effective sets; this clears the inheritable one too.

@@ -4,6 +4,7 @@
 //! Only this command needs a BPF tool chain, which it installs where it can; everything else
 //! embeds the committed object. With `--check` it builds the object anew and compares.
 
+mod provenance;
 mod toolchain;
 
 use std::{
@@ -15,6 +16,7 @@ use std::{
 use anyhow::{Context as _, bail, ensure};
 use clap::Args;
 
+use provenance::Provenance;
 use toolchain::Toolchain;
 
 const TARGET: &str = "bpfel-unknown-none";
@@ -34,9 +36,14 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     say(&format!("building with {toolchain}"));
     let built = build(&workspace, &toolchain)?;
     let committed = workspace.join("rtps-ebpf/rtps-ebpf.o");
+    let provenance = Provenance::now(&workspace, &toolchain)?;
     if arguments.check {
-        return check(&built, &committed);
+        return check(
+            (&built, &provenance),
+            (&committed, &Provenance::committed(&workspace)?),
+        );
     }
+    provenance.write(&workspace)?;
     if same(&built, &committed) {
         say("rtps-ebpf/rtps-ebpf.o is what it was");
         return Ok(());
@@ -116,11 +123,18 @@ fn rustflags(workspace: &Path, toolchain: &Toolchain) -> anyhow::Result<String> 
     .join("\x1f"))
 }
 
-fn check(built: &Path, committed: &Path) -> anyhow::Result<()> {
+/// Compares bytes where both objects come from one tool chain, else what they were made of.
+fn check(built: (&Path, &Provenance), committed: (&Path, &Provenance)) -> anyhow::Result<()> {
+    let same_toolchain = built.1.toolchain == committed.1.toolchain;
+    if !same_toolchain {
+        say(&format!(
+            "the committed object was made with {}: comparing sources, not bytes",
+            committed.1.toolchain
+        ));
+    }
     ensure!(
-        same(built, committed),
-        "rtps-ebpf/rtps-ebpf.o is not what its sources make with this tool chain; \
-         run `cargo xtask build-ebpf` and commit the object"
+        built.1.same_sources(committed.1) && (!same_toolchain || same(built.0, committed.0)),
+        "rtps-ebpf/rtps-ebpf.o is not what its sources make; run `cargo xtask build-ebpf` and commit what it writes"
     );
     say("rtps-ebpf/rtps-ebpf.o is what its sources make");
     Ok(())

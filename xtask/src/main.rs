@@ -3,10 +3,13 @@
 mod bench;
 mod build_ebpf;
 mod demo;
+mod interrupt;
 mod load;
 mod status;
 mod test;
 mod unload;
+
+use std::process::ExitCode;
 
 use clap::Parser;
 
@@ -38,8 +41,18 @@ enum Command {
     Bench(bench::Bench),
 }
 
-fn main() -> anyhow::Result<()> {
-    match Command::parse() {
+fn main() -> ExitCode {
+    match run(Command::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(command: Command) -> anyhow::Result<()> {
+    match command {
         Command::BuildEbpf(arguments) => build_ebpf::run(&arguments),
         Command::Load(options) => load::run(&options),
         Command::Unload => unload::run(),

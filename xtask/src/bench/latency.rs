@@ -13,6 +13,7 @@ use rtps_tests::process::Process;
 use serde::Serialize;
 
 use super::round_trips::Summary;
+use crate::interrupt;
 use rtps_tests::binaries::{self, Binaries};
 
 /// Bytes of a sample's serialized payload.
@@ -62,6 +63,7 @@ struct Row {
 impl Latency {
     /// Measures and prints.
     pub(crate) fn run(&self) -> Result<()> {
+        interrupt::catch()?;
         let hosts = Hosts::new(binaries::build()?)?;
         let _layers = hosts.load()?;
         let rows = self.measure(&hosts)?;
@@ -84,6 +86,7 @@ impl Latency {
         let mut runs = vec![Vec::new(); cases.len()];
         for round in 1..=ROUNDS {
             for ((stack, pinning), runs) in cases.iter().zip(&mut runs) {
+                interrupt::check()?;
                 let summary = hosts.round(*stack, *pinning, seconds)?;
                 if !self.json {
                     eprintln!(

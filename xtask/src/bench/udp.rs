@@ -1,5 +1,6 @@
 //! The floor of the latency benchmark: a round trip over plain blocking UDP sockets.
 
+use std::io::ErrorKind;
 use std::net::{SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
@@ -26,7 +27,7 @@ pub(crate) struct UdpEnd {
 }
 
 /// How long a lost datagram is waited for.
-const LOST_AFTER: Duration = Duration::from_secs(1);
+const LOST_AFTER: Duration = Duration::from_millis(50);
 
 impl UdpEnd {
     /// Pings and prints what was measured as one JSON line, or answers until it is ended.
@@ -42,24 +43,34 @@ impl UdpEnd {
     fn ping(&self, socket: &UdpSocket, other: SocketAddr) -> Result<()> {
         socket.set_read_timeout(Some(LOST_AFTER))?;
         let mut buffer = vec![0; self.size];
+        // The other end may not listen yet: the time counts from its first answer.
+        while round_trip(socket, other, &mut buffer)?.is_none() {}
         let mut round_trips = RoundTrips::default();
-        let start = Instant::now();
-        let end = start + Duration::from_secs_f64(self.seconds);
-        let mut now = start;
-        while now < end {
-            socket.send_to(&buffer, other)?;
-            match socket.recv_from(&mut buffer) {
-                Ok(_) => {
-                    let answered = Instant::now();
-                    round_trips.add(answered - now);
-                    now = answered;
-                }
-                // The other end may not listen yet.
-                Err(_) => now = Instant::now(),
+        let end = Instant::now() + Duration::from_secs_f64(self.seconds);
+        while Instant::now() < end {
+            if let Some(time) = round_trip(socket, other, &mut buffer)? {
+                round_trips.add(time);
             }
         }
         println!("{}", serde_json::to_string(&round_trips.summary())?);
         Ok(())
+    }
+}
+
+/// `None` when there was no answer in time.
+fn round_trip(
+    socket: &UdpSocket,
+    other: SocketAddr,
+    buffer: &mut [u8],
+) -> Result<Option<Duration>> {
+    let sent = Instant::now();
+    socket.send_to(buffer, other)?;
+    match socket.recv_from(buffer) {
+        Ok(_) => Ok(Some(sent.elapsed())),
+        Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(None),
+        // The other end has not bound its port yet, and its host said so.
+        Err(error) if error.kind() == ErrorKind::ConnectionRefused => Ok(None),
+        Err(error) => Err(error.into()),
     }
 }
 

@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Result, ensure};
 use clap::Args;
 
+use crate::interrupt;
 use stage::Stage;
 use summary::{Summary, Table};
 
@@ -36,6 +37,7 @@ pub(crate) struct Demo {
 impl Demo {
     /// Runs the demo; an error unless every sample arrived.
     pub(crate) fn run(&self) -> Result<()> {
+        interrupt::catch()?;
         let samples = self.seconds.max(1) * RATE;
         let kernel = nix::unistd::geteuid().is_root();
         if !kernel {
@@ -69,6 +71,7 @@ impl Demo {
             if stage.is_over() || Instant::now() > end {
                 return stage.summary(samples);
             }
+            interrupt::check()?;
             std::thread::sleep(TICK);
         }
     }

@@ -37,6 +37,12 @@ pub fn rtps_filter(context: SkBuffContext) -> i64 {
     filter::handle(&sys::SocketBuffer::new(&context))
 }
 
+/// What the kernel reads as the programs' licence; GPL-compatible, as some helpers demand.
+// SAFETY: the section is only read, and nothing else defines a symbol or section of these names.
+#[unsafe(no_mangle)]
+#[unsafe(link_section = "license")]
+static LICENSE: [u8; 13] = *b"Dual MIT/GPL\0";
+
 /// Unreachable: nothing in the programs can panic, and the verifier refuses what could.
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {

@@ -9,6 +9,8 @@ use nix::net::if_::{InterfaceFlags, if_nametoindex};
 
 use crate::sys::udp;
 
+/// Names of the interfaces to use, separated by commas; all that are up where it is not set.
+const CHOICE_VARIABLE: &str = "RTPS_INTERFACES";
 /// IP and UDP headers.
 const HEADERS: u32 = 28;
 /// What fits where the MTU is not known.
@@ -27,10 +29,17 @@ pub(super) struct Interface {
     pub(super) mtu: u32,
 }
 
-/// All interfaces that are up.
-pub(super) fn all_up() -> io::Result<Vec<Interface>> {
+/// The interfaces that are up and that the environment does not exclude.
+pub(super) fn chosen() -> io::Result<Vec<Interface>> {
+    let choice = std::env::var(CHOICE_VARIABLE).ok();
+    up_among(choice.as_deref())
+}
+
+fn up_among(choice: Option<&str>) -> io::Result<Vec<Interface>> {
+    let wanted =
+        |name: &str| choice.is_none_or(|names| names.split(',').any(|one| one.trim() == name));
     let mut interfaces: BTreeMap<String, Interface> = BTreeMap::new();
-    for entry in getifaddrs()? {
+    for entry in getifaddrs()?.filter(|entry| wanted(&entry.interface_name)) {
         let address = entry
             .address
             .as_ref()
@@ -69,7 +78,7 @@ mod tests {
 
     #[test]
     fn the_loopback_interface_is_one() {
-        let interfaces = all_up().unwrap();
+        let interfaces = up_among(None).unwrap();
         let loopback = interfaces.iter().find(|interface| interface.is_loopback);
         let Some(loopback) = loopback else {
             println!("skipped: this network namespace has no loopback interface that is up");
@@ -77,6 +86,8 @@ mod tests {
         };
         assert!(loopback.addresses.contains(&Ipv4Addr::LOCALHOST));
         assert!(loopback.index > 0);
+        assert_eq!(up_among(Some("nosuch0, lo")).unwrap(), [loopback.clone()]);
+        assert_eq!(up_among(Some("nosuch0")).unwrap(), []);
     }
 
     #[test]

@@ -12,6 +12,7 @@ use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use rtps_ebpf::SlotSet;
 use rtps_user::Transmit;
 use rtps_user::layer::protocol::{FromLayer, Hello, LAYER_PROTOCOL_VERSION, ToLayer};
 use rtps_user::layer::{Layer, LayerConfig, LayerOutput};
@@ -67,7 +68,7 @@ impl InProcessLink {
     /// Opens sockets on the ports of the first free participant id and starts the layer.
     pub(super) fn open(settings: &Settings, epoll: &Arc<Epoll>) -> Result<Self, InProcessError> {
         let now = Instant::now();
-        let interfaces = interfaces::all_up()?;
+        let interfaces = interfaces::chosen()?;
         let sockets = Sockets::open(settings.domain, &interfaces)?;
         sockets.register(epoll, [USER, METATRAFFIC, MULTICAST])?;
         let config = layer_config(settings, &sockets, &interfaces)?;
@@ -81,7 +82,7 @@ impl InProcessLink {
             resume: None,
         };
         let welcome = layer
-            .attach(now, &hello, random_bytes()?)
+            .attach(now, &hello, random_bytes()?, &SlotSet::EMPTY)
             .map_err(InProcessError::Refused)?;
         let mut link = Self {
             identity: Identity {
