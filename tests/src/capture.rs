@@ -6,6 +6,7 @@ use std::fs;
 use std::net::IpAddr;
 use std::path::PathBuf;
 use std::process::Command;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread;
 use std::time::Duration;
@@ -22,6 +23,8 @@ const PACKAGES: &[Package] = &[
     Package::new("tshark", "/usr/bin/tshark"),
 ];
 
+/// More octets than the MTU of any link of the harness; `lo` is no link.
+const LONGEST_PACKET: &str = "4096";
 /// tcpdump reads its ring in intervals; what was sent shortly before the end is in there by then.
 const LAST_PACKETS: Duration = Duration::from_millis(200);
 
@@ -39,9 +42,11 @@ impl Capture {
         let file = TemporaryFile::new("pcap");
         let mut command = netns.command("tcpdump");
         // As root tcpdump would become a user who cannot write the file. A large buffer, because
-        // a packet that tcpdump misses looks like one that nobody sent.
+        // a packet that tcpdump misses looks like one that nobody sent; the buffer has slots of
+        // the size of the longest packet, which is far below tcpdump's default here.
         command
-            .args(["-Z", "root", "-B", "16384", "-U", "--immediate-mode", "-n"])
+            .args(["-Z", "root", "-B", "65536", "-s", LONGEST_PACKET])
+            .args(["-U", "--immediate-mode", "-n"])
             .args(["-i", interface, "-w"])
             .arg(&file.path)
             .arg("udp or (ip[6:2] & 0x1fff != 0) or ip6[6] == 44");
@@ -62,23 +67,31 @@ impl Capture {
         {
             bail!("tcpdump missed packets:\n{}", self.tcpdump.text());
         }
-        let output = Command::new("tshark")
-            .args(["-r".as_ref(), self.file.path.as_os_str()])
-            .args(["-Y", "udp && !icmp && !icmpv6"])
-            .args(["-T", "fields", "-E", "separator=/t", "-E", "aggregator=,"])
-            .args(FIELDS.iter().flat_map(|field| ["-e", field]))
-            .output()
-            .context("running tshark")?;
-        if !output.status.success() {
-            let words = String::from_utf8_lossy(&output.stderr);
-            bail!("tshark failed: {}", words.trim());
-        }
-        let packets = String::from_utf8_lossy(&output.stdout)
+        let packets = tshark(&self.file, "udp && !icmp && !icmpv6", FIELDS)?
             .lines()
             .map(|line| parse_packet(line).with_context(|| format!("tshark's line {line:?}")))
             .collect::<Result<_>>()?;
-        Ok(Decoded { packets })
+        Ok(Decoded {
+            packets,
+            file: Arc::new(self.file),
+        })
     }
+}
+
+/// The fields of the packets that match a display filter: a line each, separated by tabs.
+fn tshark(file: &TemporaryFile, filter: &str, fields: &[&str]) -> Result<String> {
+    let output = Command::new("tshark")
+        .args(["-r".as_ref(), file.path.as_os_str()])
+        .args(["-Y", filter])
+        .args(["-T", "fields", "-E", "separator=/t", "-E", "aggregator=,"])
+        .args(fields.iter().flat_map(|field| ["-e", field]))
+        .output()
+        .context("running tshark")?;
+    if !output.status.success() {
+        let words = String::from_utf8_lossy(&output.stderr);
+        bail!("tshark failed: {}", words.trim());
+    }
+    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
 /// A decoded capture.
@@ -86,6 +99,7 @@ impl Capture {
 pub struct Decoded {
     /// The UDP datagrams in the order of their capture.
     pub packets: Vec<Packet>,
+    file: Arc<TemporaryFile>,
 }
 
 impl Decoded {
@@ -102,6 +116,16 @@ impl Decoded {
         self.from(source)
             .filter(|packet| packet.malformed)
             .collect()
+    }
+
+    /// How many packets of the link match a display filter of Wireshark. IP fragments count each, and only the last
+    /// one of a datagram has what IP carries.
+    ///
+    /// # Errors
+    /// When tshark fails, for example because of the filter.
+    pub fn frames(&self, filter: &str) -> Result<usize> {
+        let lines = tshark(&self.file, filter, &["frame.number"])?;
+        Ok(lines.lines().count())
     }
 
     /// How often this address sent a submessage of this kind.
@@ -134,6 +158,8 @@ pub struct Packet {
     pub malformed: bool,
     /// What tshark's experts say, of any severity.
     pub remarks: String,
+    /// The datagram's bytes.
+    pub payload: Vec<u8>,
 }
 
 const FIELDS: &[&str] = &[
@@ -149,6 +175,7 @@ const FIELDS: &[&str] = &[
     "_ws.malformed",
     "_ws.expert.severity",
     "_ws.expert.message",
+    "udp.payload",
 ];
 
 /// `PI_ERROR` of Wireshark's expert information.
@@ -169,6 +196,7 @@ fn parse_packet(line: &str) -> Result<Packet> {
         malformed,
         severity,
         remarks,
+        payload,
     ] = fields.as_slice()
     else {
         bail!("{} fields instead of {}", fields.len(), FIELDS.len());
@@ -190,6 +218,7 @@ fn parse_packet(line: &str) -> Result<Packet> {
             .collect::<Result<_, _>>()?,
         malformed: errors || !malformed.is_empty(),
         remarks: (*remarks).to_owned(),
+        payload: parse_bytes(payload)?,
     })
 }
 
@@ -210,7 +239,17 @@ fn parse_number(text: &str) -> Result<u32> {
     number.with_context(|| format!("not a number: {text}"))
 }
 
+/// tshark prints bytes as hexadecimal digits, with or without colons.
+fn parse_bytes(text: &str) -> Result<Vec<u8>> {
+    let digits = text.replace(':', "");
+    let pairs = digits.as_bytes().chunks(2);
+    pairs
+        .map(|pair| Ok(u8::from_str_radix(std::str::from_utf8(pair)?, 16)?))
+        .collect()
+}
+
 /// A file of its own for every capture, removed on drop.
+#[derive(Debug)]
 struct TemporaryFile {
     path: PathBuf,
 }

@@ -107,6 +107,17 @@ impl Netns {
             .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     }
 
+    /// Like [`Netns::enter`], as `identity` and without any capability.
+    ///
+    /// # Panics
+    /// As [`Netns::enter`], and when the kernel refuses to give up privileges.
+    pub fn enter_as<T: Send>(&self, identity: Identity, work: impl FnOnce() -> T + Send) -> T {
+        self.enter(|| {
+            sys::become_unprivileged(identity).expect("root may become anybody");
+            work()
+        })
+    }
+
     /// A command that will run inside the namespace, with the mounts and rights of this process
     /// (`ip netns exec` would hide /sys/fs/bpf).
     pub fn command(&self, program: impl AsRef<OsStr>) -> Command {

@@ -77,7 +77,7 @@ impl Process {
     /// continues behind the event that this one returned.
     ///
     /// # Errors
-    /// When the time is over or the child has closed its output; the message holds the output.
+    /// When the time is over or the child has closed its output; the message holds the end of the output.
     pub fn wait_json_event(
         &mut self,
         wanted: impl Fn(&Value) -> bool,
@@ -93,7 +93,7 @@ impl Process {
     /// as in [`Process::wait_json_event`].
     ///
     /// # Errors
-    /// When the time is over or the child has closed its output; the message holds the output.
+    /// When the time is over or the child has closed its output; the message holds the end of the output.
     pub fn wait_line(&mut self, text: &str, timeout: Duration) -> Result<String> {
         let found = self.wait_for(timeout, |line| {
             line.text.contains(text).then(|| line.text.clone())
@@ -118,7 +118,7 @@ impl Process {
                 } else {
                     "it ended"
                 };
-                bail!("{why}; its output:\n{}", state.text());
+                bail!("{why}; its output:\n{}", state.last_text());
             }
             let waited = self.output.changed.wait_timeout(state, left);
             state = waited.unwrap_or_else(PoisonError::into_inner).0;
@@ -143,7 +143,7 @@ impl Process {
                 bail!(
                     "{} still runs after {timeout:?}; its output:\n{}",
                     self.label,
-                    self.text()
+                    self.last_text()
                 );
             }
             thread::sleep(EXIT_POLL);
@@ -154,7 +154,11 @@ impl Process {
     pub fn wait_success(&mut self, timeout: Duration) -> Result<()> {
         let status = self.wait_exit(timeout)?;
         if !status.success() {
-            bail!("{}: {status}; its output:\n{}", self.label, self.text());
+            bail!(
+                "{}: {status}; its output:\n{}",
+                self.label,
+                self.last_text()
+            );
         }
         Ok(())
     }
@@ -185,6 +189,12 @@ impl Process {
     #[must_use]
     pub fn text(&self) -> String {
         self.output.lock().text()
+    }
+
+    /// The last lines of [`Process::text`].
+    #[must_use]
+    pub fn last_text(&self) -> String {
+        self.output.lock().last_text()
     }
 }
 
@@ -230,6 +240,15 @@ impl OutputState {
     fn text(&self) -> String {
         let lines = self.lines.iter().map(|line| line.text.as_str());
         lines.collect::<Vec<_>>().join("\n")
+    }
+
+    /// The end of it, for error messages.
+    fn last_text(&self) -> String {
+        const LINES: usize = 40;
+        let before = self.lines.len().saturating_sub(LINES);
+        let lines = self.lines.iter().skip(before);
+        let lines: Vec<&str> = lines.map(|line| line.text.as_str()).collect();
+        format!("({before} lines before)\n{}", lines.join("\n"))
     }
 }
 

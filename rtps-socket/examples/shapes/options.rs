@@ -35,6 +35,7 @@ pub(crate) struct Role {
 
 /// Publishes or subscribes shapes, one JSON object a line.
 #[derive(Parser)]
+#[command(args_override_self = true)]
 pub(crate) struct Options {
     #[command(flatten)]
     pub(crate) role: Role,

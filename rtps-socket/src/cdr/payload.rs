@@ -8,6 +8,10 @@ const HEADER_SIZE: usize = 4;
 /// The low bits of the options tell how many bytes of padding end the payload (XTypes 7.6.3.1.2).
 const PADDING_MASK: u8 = 3;
 
+/// Fast DDS 2 takes a serialized key of at most 16 bytes, encapsulation header and all, for the key hash, and
+/// then ends an instance that nobody knows. Readers of CDR leave alone what follows a key.
+const SHORTEST_KEY_PAYLOAD: usize = 20;
+
 /// A version of Extended CDR, as the DATA_REPRESENTATION policy names it (XTypes 7.6.3.1.1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Representation {
@@ -129,8 +133,8 @@ pub fn to_payload<T: DdsType>(
     append_payload(value, representation, ByteOrder::Little, Scope::Sample, out)
 }
 
-/// Appends the serialized key of `value`, for a dispose or unregister; the header alone when the
-/// type has no key.
+/// Appends the serialized key of `value`, for a dispose or unregister, followed by zeros where it is
+/// short; the header alone when the type has no key.
 ///
 /// # Errors
 /// When the key exceeds what its type or CDR can carry; `out` is then as before.
@@ -139,7 +143,12 @@ pub fn key_payload<T: DdsType>(
     representation: Representation,
     out: &mut Vec<u8>,
 ) -> Result<(), EncodeError> {
-    append_payload(value, representation, ByteOrder::Little, Scope::Key, out)
+    let start = out.len();
+    append_payload(value, representation, ByteOrder::Little, Scope::Key, out)?;
+    if T::HAS_KEY {
+        out.resize(out.len().max(start + SHORTEST_KEY_PAYLOAD), 0);
+    }
+    Ok(())
 }
 
 /// Reads a serialized payload of any representation and byte order.

@@ -1,7 +1,9 @@
 //! The thread that drives when nobody waits.
 
 use std::os::fd::AsFd;
-use std::sync::{MutexGuard, PoisonError};
+use std::sync::MutexGuard;
+use std::sync::atomic::Ordering;
+use std::thread;
 use std::time::{Duration, Instant};
 
 use super::seat::Holder;
@@ -12,30 +14,35 @@ use crate::sys::{Wakeups, wait_readable};
 /// How often it looks whether it is needed while others drive: the longest time that the protocol stands still when
 /// an app that used to wait does something else.
 const GLANCE: Duration = Duration::from_millis(10);
-/// After a foreground thread has slept for so long, it does not even look any more.
-const REST_AFTER: Duration = Duration::from_millis(100);
 /// The pause after an error of the system, which none of the calls is expected to give.
 const ERROR_PAUSE: Duration = Duration::from_millis(100);
 
 /// Drives until the participant is closed.
 pub(super) fn run(shared: &Shared) {
+    // Nobody else sets it.
+    shared.background.get_or_init(thread::current);
     let mut waits_seen = 0;
     let mut core = shared.lock();
     while !core.seat.is_closed {
+        let is_busy = shared.waits.load(Ordering::Relaxed) != waits_seen;
         core = match core.seat.holder {
             _ if core.seat.is_external => rest(shared, core),
-            Holder::Foreground => glance_or_rest(shared, core),
-            Holder::Nobody if core.seat.waits != waits_seen && !core.seat.is_wanted => {
-                waits_seen = core.seat.waits;
-                glance(shared, core)
-            }
-            Holder::Nobody | Holder::Background => {
-                core.seat.holder = Holder::Background;
-                core.seat.is_wanted = false;
-                drive(shared, core)
+            Holder::Foreground if core.seat.rests() => rest(shared, core),
+            Holder::Nobody if !is_busy || core.seat.is_wanted => take_seat(shared, core),
+            Holder::Background => drive(shared, core),
+            Holder::Nobody | Holder::Foreground => {
+                drop(core);
+                waits_seen = glance(shared);
+                shared.lock()
             }
         };
     }
+}
+
+fn take_seat<'a>(shared: &'a Shared, mut core: MutexGuard<'a, Core>) -> MutexGuard<'a, Core> {
+    core.seat.holder = Holder::Background;
+    core.seat.is_wanted = false;
+    drive(shared, core)
 }
 
 /// Sleeps once in the seat and follows up on what comes.
@@ -51,7 +58,7 @@ fn drive<'a>(shared: &'a Shared, mut core: MutexGuard<'a, Core>) -> MutexGuard<'
     let fds = [shared.epoll.as_fd(), shared.dismissal.as_fd()];
     let [has_arrived, is_dismissed] = wait_readable(fds, timeout).unwrap_or_else(|error| {
         tracing::error!(%error, "the background thread cannot wait");
-        std::thread::sleep(ERROR_PAUSE);
+        thread::sleep(ERROR_PAUSE);
         [false, false]
     });
     let mut core = shared.lock();
@@ -74,25 +81,26 @@ fn drive<'a>(shared: &'a Shared, mut core: MutexGuard<'a, Core>) -> MutexGuard<'
     shared.lock()
 }
 
-fn glance_or_rest<'a>(shared: &'a Shared, core: MutexGuard<'a, Core>) -> MutexGuard<'a, Core> {
-    match core.seat.since {
-        Some(since) if since.elapsed() >= REST_AFTER => rest(shared, core),
-        _ => glance(shared, core),
+/// Looks now and then, without the lock, whether others still drive. Returns when there was no wait in between, or
+/// when somebody wants something.
+fn glance(shared: &Shared) -> u64 {
+    let mut waits = shared.waits.load(Ordering::Relaxed);
+    loop {
+        let start = Instant::now();
+        thread::park_timeout(GLANCE);
+        let before = std::mem::replace(&mut waits, shared.waits.load(Ordering::Relaxed));
+        if waits == before || start.elapsed() < GLANCE {
+            return waits;
+        }
     }
-}
-
-fn glance<'a>(shared: &'a Shared, core: MutexGuard<'a, Core>) -> MutexGuard<'a, Core> {
-    let result = shared.background.wait_timeout(core, GLANCE);
-    result.unwrap_or_else(PoisonError::into_inner).0
 }
 
 /// Sleeps until the thread in the seat leaves it.
 fn rest<'a>(shared: &'a Shared, mut core: MutexGuard<'a, Core>) -> MutexGuard<'a, Core> {
     core.seat.background_rests = true;
-    let mut core = shared
-        .background
-        .wait(core)
-        .unwrap_or_else(PoisonError::into_inner);
+    drop(core);
+    thread::park();
+    let mut core = shared.lock();
     core.seat.background_rests = false;
     core
 }

@@ -15,8 +15,9 @@ mod external;
 mod seat;
 mod wait;
 
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::thread::{self, JoinHandle};
+use std::sync::atomic::AtomicU64;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::thread::{self, JoinHandle, Thread};
 use std::time::Instant;
 
 use nix::sys::eventfd::{EfdFlags, EventFd};
@@ -40,8 +41,10 @@ pub(crate) struct Shared {
     dismissal: EventFd,
     /// For callers who drive by themselves; they cannot be told a timeout.
     timer: TimerFd,
-    /// Where the background thread rests while others drive.
-    background: Condvar,
+    /// The background thread, which is parked while others drive.
+    background: OnceLock<Thread>,
+    /// How many waits there have been: the background thread looks at it without taking the lock.
+    waits: AtomicU64,
     /// Where threads wait while another has the seat.
     followers: Condvar,
 }
@@ -74,7 +77,8 @@ impl Driver {
             interrupt,
             dismissal: event()?,
             timer,
-            background: Condvar::new(),
+            background: OnceLock::new(),
+            waits: AtomicU64::new(0),
             followers: Condvar::new(),
         });
         let driven = Arc::clone(&shared);
@@ -99,7 +103,7 @@ impl Drop for Driver {
             core.shutdown(now);
             core.seat.is_closed = true;
         });
-        self.shared.background.notify_all();
+        self.shared.wake_background();
         self.shared.followers.notify_all();
         signal(&self.shared.dismissal);
         signal(&self.shared.interrupt);
@@ -123,6 +127,12 @@ impl Shared {
         result
     }
 
+    fn wake_background(&self) {
+        if let Some(thread) = self.background.get() {
+            thread.unpark();
+        }
+    }
+
     fn lock(&self) -> MutexGuard<'_, Core> {
         // A panic of a listener does not happen under the lock, and the core has no state half changed.
         self.core.lock().unwrap_or_else(PoisonError::into_inner)
@@ -136,7 +146,7 @@ impl Shared {
         }
         core.seat.news = false;
         if core.seat.is_wanted && core.seat.holder == Holder::Nobody {
-            self.background.notify_one();
+            self.wake_background();
         }
         if core.seat.is_external && core.seat.holder != Holder::Foreground {
             self.prepare_external_sleep(&mut core);

@@ -8,6 +8,9 @@ pub(super) const SLACK: Duration = Duration::from_millis(10);
 /// For how long after a write the thread in the seat looks so often.
 pub(super) const WRITING: Duration = Duration::from_millis(100);
 
+/// What counts as a long wait.
+const REST_AFTER: Duration = Duration::from_millis(100);
+
 /// Who has the seat.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub(super) enum Holder {
@@ -26,8 +29,6 @@ pub(crate) struct Seat {
     pub(super) holder: Holder,
     /// Since when a foreground thread has held it.
     pub(super) since: Option<Instant>,
-    /// How many waits there have been.
-    pub(super) waits: u64,
     /// Until when the holder sleeps at the latest, while it sleeps.
     pub(super) sleeps_until: Option<Sleep>,
     /// Threads that wait for the holder to find something for them.
@@ -56,6 +57,12 @@ pub(super) enum Sleep {
 }
 
 impl Seat {
+    /// Whether the holder is one who waits for long: the background thread need not even look any more.
+    pub(super) fn rests(&self) -> bool {
+        self.since
+            .is_some_and(|since| since.elapsed() >= REST_AFTER)
+    }
+
     /// Whether the holder would sleep through a deadline.
     pub(super) fn sleeps_beyond(&self, deadline: Option<Instant>) -> bool {
         match (self.sleeps_until, deadline) {

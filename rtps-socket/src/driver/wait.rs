@@ -1,5 +1,6 @@
 //! Waiting in the foreground: the waiting thread drives.
 
+use std::sync::atomic::Ordering;
 use std::sync::{MutexGuard, PoisonError};
 use std::time::Instant;
 
@@ -16,8 +17,8 @@ impl Shared {
         deadline: Option<Instant>,
         mut look: impl FnMut(&mut Core, Instant) -> Option<R>,
     ) -> Option<R> {
+        self.waits.fetch_add(1, Ordering::Relaxed);
         let mut core = self.lock();
-        core.seat.waits += 1;
         let mut has_seat = false;
         let mut now = Instant::now();
         core.receive(now, Wakeups::default());
@@ -93,7 +94,7 @@ impl Shared {
             core.seat.news = true;
         }
         if core.seat.background_rests {
-            self.background.notify_one();
+            self.wake_background();
         }
     }
 

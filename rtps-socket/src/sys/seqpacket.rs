@@ -124,6 +124,14 @@ fn take_fds(message: &libc::msghdr) -> Vec<OwnedFd> {
     fds
 }
 
+/// Takes a connection.
+#[cfg(test)]
+pub(crate) fn accept(listener: &OwnedFd) -> OwnedFd {
+    let fd = nix::sys::socket::accept(listener.as_raw_fd()).expect("somebody connects");
+    // SAFETY: a new descriptor that nobody else owns.
+    unsafe { OwnedFd::from_raw_fd(fd) }
+}
+
 #[cfg(test)]
 mod tests {
     use std::fs::File;

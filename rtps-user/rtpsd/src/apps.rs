@@ -29,6 +29,9 @@ use crate::run_folder::remove_if_there;
 /// Attached apps, and a few that have not yet said hello.
 const MAX_CONNECTIONS: usize = 255 + 64;
 
+/// Attached apps of one user other than root, so that nobody can keep all others out.
+const MAX_OF_ONE_USER: usize = 200;
+
 /// The time in which an app must say hello.
 const HELLO_TIME: Duration = Duration::from_secs(5);
 
@@ -131,7 +134,7 @@ impl Apps {
 
     fn admit(&mut self, now: Instant, socket: OwnedFd, readiness: &Readiness) -> Result<()> {
         let credentials = getsockopt(&socket, PeerCredentials)?;
-        let mut connection = Connection {
+        let connection = Connection {
             socket: PacketSocket::new(socket),
             pid: credentials.pid(),
             uid: credentials.uid(),
@@ -139,18 +142,29 @@ impl Apps {
             waits_to_write: false,
             seat: None,
         };
-        if self.connections.len() >= MAX_CONNECTIONS {
-            refuse(
-                &mut connection,
-                "the layer has as many connections as it takes".to_owned(),
-            );
-            return Ok(());
-        }
+        self.make_room();
         let id = self.next_id;
         self.next_id = self.next_id.wrapping_add(1);
         readiness.add(connection.socket.as_fd(), Source::App(id), Interest::Read)?;
         self.connections.insert(id, connection);
         Ok(())
+    }
+
+    /// Where there are too many connections, the one that has been silent for longest goes: whoever means well says
+    /// hello at once.
+    fn make_room(&mut self) {
+        if self.connections.len() < MAX_CONNECTIONS {
+            return;
+        }
+        let connections = self.connections.iter();
+        let silent = connections.filter(|(_, connection)| connection.seat.is_none());
+        let longest = silent.min_by_key(|(_, connection)| connection.since);
+        if let Some(id) = longest.map(|(id, _)| *id)
+            && let Some(mut connection) = self.connections.remove(&id)
+        {
+            let reason = "too many connections wait for a hello, and this one for longest";
+            refuse(&mut connection, reason.to_owned());
+        }
     }
 
     /// Handles what an app said, and writes what waited for it.
@@ -207,6 +221,7 @@ impl Apps {
         hello: &Hello,
         host: &mut Host,
     ) -> Result<(), String> {
+        self.check_user(id)?;
         let admission = host.attach(now, hello)?;
         let Some(connection) = self.connections.get_mut(&id) else {
             host.detach(now, &admission.seat);
@@ -231,6 +246,21 @@ impl Apps {
             .socket
             .send(&FromLayer::Welcome(admission.welcome), descriptors)
             .map_err(|failure| format!("the welcome cannot be sent ({failure:?})"))
+    }
+
+    fn check_user(&self, id: u32) -> Result<(), String> {
+        let uid = self
+            .connections
+            .get(&id)
+            .map_or(0, |connection| connection.uid);
+        let of_user = self.attached().filter(|(other, _)| other.uid == uid);
+        if uid != 0 && of_user.count() >= MAX_OF_ONE_USER {
+            return Err(format!(
+                "user {uid} has {MAX_OF_ONE_USER} apps on this layer, which is all that one user may have: \
+                 end some of them"
+            ));
+        }
+        Ok(())
     }
 
     /// Tells the apps what the host has for them.

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use aya::programs::SocketFilter;
 use rtps_ebpf::abi::{PORT_MULTICAST, PORT_UNICAST, PortConfig};
-use rtps_user::layer::protocol::{FromLayer, Hello, Welcome};
+use rtps_user::layer::protocol::FromLayer;
 use rtps_user::layer::{KernelChange, Layer, LayerConfig, LayerOutput};
 use rtps_user::wire::{GuidPrefix, VendorId};
 use tracing::{debug, info, warn};
@@ -26,9 +26,6 @@ const BURST: usize = 64;
 
 /// How old the kernel's knowledge of who is alive may be when a lease is judged.
 const PEERS_FRESH: Duration = Duration::from_millis(100);
-
-/// Slots that apps may have.
-const MAX_APPS: usize = 255;
 
 /// The longest time between two announcements.
 const ANNOUNCE_PERIOD: Duration = Duration::from_secs(5);
@@ -111,31 +108,12 @@ impl DomainHost {
         .to_vec()
     }
 
-    /// Attaches an app in a slot that no domain of this host uses: slots are the host's, and a layer knows only its
-    /// own.
-    pub(crate) fn attach(
-        &mut self,
-        now: Instant,
-        hello: &Hello,
-        token: [u8; 16],
-        taken: impl Fn(u8) -> bool,
-    ) -> Result<Welcome, String> {
-        let mut unusable = Vec::new();
-        let mut result = self.layer.attach(now, hello, token);
-        while let Ok(welcome) = &result
-            && taken(welcome.slot)
-        {
-            unusable.push(welcome.slot);
-            result = if unusable.len() < MAX_APPS {
-                self.layer.attach(now, hello, token)
-            } else {
-                Err("every slot of this host is taken".to_owned())
-            };
-        }
-        for slot in unusable {
-            self.layer.detach(now, slot);
-        }
-        result
+    /// The interfaces' addresses may have changed.
+    pub(crate) fn set_addresses(&mut self, now: Instant, interfaces: &[Interface]) {
+        let id = self.sockets.participant_id;
+        let metatraffic = locators(interfaces, self.ports.metatraffic_unicast(id));
+        let user = locators(interfaces, self.ports.user_unicast(id));
+        self.layer.set_addresses(now, metatraffic, user);
     }
 
     /// Reads what came to a socket, up to a burst.
@@ -242,21 +220,16 @@ fn layer_config(
     participant_id: u16,
 ) -> LayerConfig {
     let options = setting.options;
-    let at = |port: u16| -> Vec<SocketAddr> {
-        setting
-            .interfaces
-            .iter()
-            .flat_map(|interface| &interface.addresses)
-            .map(|address| SocketAddr::from((*address, port)))
-            .collect()
-    };
     let user_port = ports.user_unicast(participant_id);
     let group = SocketAddr::from((GROUP, ports.metatraffic_multicast()));
     let loopback = SocketAddr::from((Ipv4Addr::LOCALHOST, user_port));
     LayerConfig {
         name: host_name(),
-        metatraffic: at(ports.metatraffic_unicast(participant_id)),
-        user: at(user_port),
+        metatraffic: locators(
+            setting.interfaces,
+            ports.metatraffic_unicast(participant_id),
+        ),
+        user: locators(setting.interfaces, user_port),
         peers: options
             .peers
             .iter()
@@ -270,6 +243,15 @@ fn layer_config(
         resume_grace: crate::host::RESUME_GRACE,
         ..LayerConfig::new(identity.prefix, domain, loopback)
     }
+}
+
+/// Where a port of this host is reached.
+fn locators(interfaces: &[Interface], port: u16) -> Vec<SocketAddr> {
+    interfaces
+        .iter()
+        .flat_map(|interface| &interface.addresses)
+        .map(|address| SocketAddr::from((*address, port)))
+        .collect()
 }
 
 /// A GUID prefix that no other participant has: the vendor's number (RTPS 2.5, 9.3.1.5) and 80 random bits.

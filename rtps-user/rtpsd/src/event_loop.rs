@@ -113,7 +113,7 @@ impl EventLoop {
                     watch,
                 } = &mut self.attached;
                 watch.drain();
-                self.host.refresh_interfaces(loader, *mode);
+                self.host.refresh_interfaces(now, loader, *mode);
             }
             Source::AppListener => self.apps.accept(now, &self.readiness),
             Source::StatusListener => self.accept_status(now),

@@ -101,17 +101,11 @@ impl Host {
         self.check(hello)?;
         let position = self.position(hello.domain)?;
         let token = random::token().map_err(|error| format!("{error:#}"))?;
-        let mut taken = self.occupied;
-        if let Some(resume) = hello.resume
-            && self.awaited.contains_key(&resume.slot)
-        {
-            taken.remove(resume.slot);
-        }
         let domain = self
             .domains
             .get_mut(position)
             .ok_or_else(|| "the domain is gone".to_owned())?;
-        let welcome = domain.attach(now, hello, token, |slot| taken.contains(slot))?;
+        let welcome = domain.layer.attach(now, hello, token, &self.occupied)?;
         let seat = Seat {
             slot: welcome.slot,
             domain: hello.domain,
@@ -268,7 +262,12 @@ impl Host {
     }
 
     /// Addresses or interfaces of this network namespace changed.
-    pub(crate) fn refresh_interfaces(&mut self, loader: &mut Loader, mode: WantedMode) {
+    pub(crate) fn refresh_interfaces(
+        &mut self,
+        now: Instant,
+        loader: &mut Loader,
+        mode: WantedMode,
+    ) {
         let refreshed =
             interfaces::own_addresses().and_then(|addresses| self.kernel.set_addresses(&addresses));
         if let Err(error) = refreshed {
@@ -279,6 +278,10 @@ impl Host {
                 error!("{error:#}");
             }
         }
+        for domain in &mut self.domains {
+            domain.set_addresses(now, &self.interfaces);
+        }
+        self.drain_all(now);
     }
 
     /// An interface that was removed and made again has another index: it starts anew.

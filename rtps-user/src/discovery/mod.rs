@@ -90,6 +90,12 @@ impl Discovery {
         self.refused
     }
 
+    /// What we announce of ourselves has changed.
+    pub fn set_participant(&mut self, now: Instant, participant: ParticipantData) {
+        self.announcer.change(now, &participant);
+        self.config.participant = participant;
+    }
+
     /// Announces an endpoint of ours, or how it has changed. Gives the number of the sample that says so.
     pub fn announce(&mut self, now: Instant, endpoint: &EndpointData) -> Option<SequenceNumber> {
         let timestamp = self.timestamp(now);

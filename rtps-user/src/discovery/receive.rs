@@ -39,7 +39,7 @@ impl Discovery {
 
     fn handle_submessage(&mut self, now: Instant, source: SocketAddr, received: &Received<'_>) {
         let from = received.source;
-        let answers = match received.submessage {
+        let sender = match received.submessage {
             Submessage::Data(data) if data.writer == EntityId::SPDP_WRITER => {
                 match read_spdp(from, &data) {
                     Ok(SpdpSample::Alive(data)) => self.handle_announcement(now, source, *data),
@@ -53,29 +53,32 @@ impl Discovery {
             Submessage::AckNack(acknack) => acknack.reader,
             _ => return,
         };
-        // Who takes part in the reliable protocol has got what we sent to its address.
-        if answers.is_builtin()
-            && self.database.owns(from, source.ip())
-            && self.database.prove(from)
-        {
-            let is_new = false;
+        // Who takes part in the reliable protocol has found us: it is no mere invention.
+        let may_prove = sender.is_builtin() && self.database.owns(from, source.ip());
+        if may_prove && self.database.prove(from) {
             self.events.push_back(DiscoveryEvent::ParticipantFound {
                 prefix: from,
-                is_new,
+                is_new: false,
             });
         }
     }
 
+    /// Whether a participant is one of our domain, and another than we.
+    fn concerns_us(&self, data: &ParticipantData) -> bool {
+        let ours = &self.config.participant;
+        let is_domain_ours = match (data.domain, ours.domain) {
+            (Some(theirs), Some(ours)) => theirs == ours,
+            _ => true,
+        };
+        is_domain_ours
+            && data.domain_tag == ours.domain_tag
+            && data.prefix != GuidPrefix::UNKNOWN
+            && data.prefix != ours.prefix
+    }
+
     fn handle_announcement(&mut self, now: Instant, source: SocketAddr, data: ParticipantData) {
         let prefix = data.prefix;
-        let in_our_domain = data.domain.is_none_or(|domain| {
-            self.config
-                .participant
-                .domain
-                .is_none_or(|ours| ours == domain)
-        });
-        let is_for_us = in_our_domain && data.domain_tag == self.config.participant.domain_tag;
-        if !is_for_us || prefix == GuidPrefix::UNKNOWN || prefix == self.prefix() {
+        if !self.concerns_us(&data) {
             return;
         }
         let is_new = match self.database.announce(now, source.ip(), data) {

@@ -120,6 +120,15 @@ impl Announcer {
         };
     }
 
+    /// Announces something else from now on: at once, and again soon, as in the beginning.
+    pub(super) fn change(&mut self, now: Instant, participant: &ParticipantData) {
+        self.payload.clear();
+        participant.encode(&mut self.payload);
+        self.sequence = self.sequence.next();
+        self.pause = Self::FIRST_PAUSE;
+        self.next = Some(now);
+    }
+
     /// A participant was discovered, reachable there. Beyond the budget it has to wait for the next announcement.
     pub(super) fn answer(&mut self, now: Instant, participant: GuidPrefix, address: SocketAddr) {
         if self.budget.take(now) {

@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
+use rtps_ebpf::SlotSet;
+
 use super::protocol::{Endpoint, FromLayer, Resume};
 use crate::wire::{EntityId, SequenceNumber};
 
@@ -55,12 +57,11 @@ pub(super) struct Apps {
 }
 
 impl Apps {
-    /// Adds an app in a free slot; `None` where all 255 are taken.
-    pub(super) fn add(&mut self, app: App) -> Option<u8> {
-        let is_free = |slot: &u8| !self.by_slot.contains_key(slot);
-        let slot = (self.last.saturating_add(1)..=u8::MAX)
-            .chain(1..=self.last)
-            .find(|slot| *slot != 0 && is_free(slot))?;
+    /// Adds an app in a free slot that is not among those `taken` elsewhere; `None` where there is none.
+    pub(super) fn add(&mut self, app: App, taken: &SlotSet) -> Option<u8> {
+        let is_free = |slot: &u8| !self.by_slot.contains_key(slot) && !taken.contains(*slot);
+        let after_last = (self.last..=u8::MAX).skip(1);
+        let slot = after_last.chain(1..=self.last).find(is_free)?;
         self.insert(slot, app);
         Some(slot)
     }
@@ -141,15 +142,31 @@ mod tests {
     #[test]
     fn slots_rest_before_they_are_used_again() {
         let mut apps = Apps::default();
-        assert_eq!(apps.add(app()), Some(1));
-        assert_eq!(apps.add(app()), Some(2));
-        apps.remove(1);
-        assert_eq!(apps.add(app()), Some(3));
-        for slot in 4..=255 {
-            assert_eq!(apps.add(app()), Some(slot));
+        let mut add = |freed| {
+            let slot = apps.add(app(), &SlotSet::EMPTY);
+            apps.remove(freed);
+            slot
+        };
+        assert_eq!(add(0), Some(1));
+        assert_eq!(add(1), Some(2));
+        for slot in 3..=255 {
+            assert_eq!(add(255), Some(slot));
         }
-        assert_eq!(apps.add(app()), Some(1));
-        assert_eq!(apps.add(app()), None);
+        assert_eq!(add(0), Some(1));
+        assert_eq!(add(0), Some(255));
+        assert_eq!(add(0), None);
+    }
+
+    #[test]
+    fn slots_that_are_taken_elsewhere_are_left_out() {
+        let mut apps = Apps::default();
+        let mut taken = SlotSet::EMPTY;
+        taken.insert(1);
+        taken.insert(3);
+        assert_eq!(apps.add(app(), &taken), Some(2));
+        assert_eq!(apps.add(app(), &taken), Some(4));
+        (1..=255).for_each(|slot| taken.insert(slot));
+        assert_eq!(apps.add(app(), &taken), None);
     }
 
     #[test]

@@ -67,12 +67,14 @@ impl Layer {
     }
 
     /// Takes an app: gives it a slot, or the one that it had before the layer was restarted. `token` is random and
-    /// serves for a new slot. The error is a sentence for [`FromLayer::Refused`].
+    /// serves for a new slot, which is none of those `taken` by apps of the host's other domains. The error is a
+    /// sentence for [`FromLayer::Refused`].
     pub fn attach(
         &mut self,
         now: Instant,
         hello: &Hello,
         token: [u8; 16],
+        taken: &SlotSet,
     ) -> Result<Welcome, String> {
         self.check(hello)?;
         let (prefix, datagram_size) = (self.config.prefix, self.config.datagram_size);
@@ -85,21 +87,18 @@ impl Layer {
         if let Some(resume) = hello.resume
             && let Some(app) = self.apps.returning(resume)
         {
-            let backlog = app.backlog.take().unwrap_or_default();
             app.grace = Some(now + self.config.resume_grace);
-            let slot = resume.slot;
-            self.outputs.extend(
-                backlog
-                    .into_iter()
-                    .map(|message| LayerOutput::Reply { slot, message }),
-            );
-            return Ok(welcome(slot, resume.token));
+            let backlog = app.backlog.take().unwrap_or_default();
+            for message in backlog {
+                self.reply(resume.slot, message);
+            }
+            return Ok(welcome(resume.slot, resume.token));
         }
         let name = hello.name.clone();
         let slot = self
             .apps
-            .add(App::new(name.clone(), token))
-            .ok_or("255 apps use this layer already: end one of them first")?;
+            .add(App::new(name.clone(), token), taken)
+            .ok_or("255 apps use the layers of this host already: end one of them first")?;
         self.store(Record::App { slot, token, name });
         Ok(welcome(slot, token))
     }
@@ -179,6 +178,23 @@ impl Layer {
         self.discovery.handle_timeout(now);
         self.end_grace(now);
         self.settle();
+    }
+
+    /// The host has other addresses than before: tells the remote participants. What is no change is not told.
+    pub fn set_addresses(
+        &mut self,
+        now: Instant,
+        metatraffic: Vec<SocketAddr>,
+        user: Vec<SocketAddr>,
+    ) {
+        if self.config.metatraffic == metatraffic && self.config.user == user {
+            return;
+        }
+        self.config.metatraffic = metatraffic;
+        self.config.user = user;
+        let participant = self.config.discovery().participant;
+        self.discovery.set_participant(now, participant);
+        self.store_announcement();
     }
 
     /// When [`handle_timeout`](Self::handle_timeout) is to be called at the latest.

@@ -5,6 +5,7 @@ use std::net::SocketAddr;
 use serde::Serialize;
 
 use super::Layer;
+use super::apps::App;
 use crate::RemoteEndpoint;
 use crate::discovery::{Refused, RemoteParticipant};
 use crate::qos::Qos;
@@ -99,23 +100,26 @@ impl Layer {
             apps: self
                 .apps
                 .iter()
-                .map(|(slot, app)| AppStatus {
-                    slot,
-                    name: app.name.clone(),
-                    attached: app.backlog.is_none(),
-                    endpoints: app
-                        .endpoints
-                        .keys()
-                        .map(|entity| Guid::new(self.config.prefix, *entity))
-                        .filter_map(|guid| self.matchmaker.endpoint(guid))
-                        .map(|endpoint| {
-                            let matches = self.matchmaker.matches_of(endpoint.guid.entity);
-                            EndpointStatus::new(endpoint, matches.map(|guid| guid.to_string()))
-                        })
-                        .collect(),
-                })
+                .map(|(slot, app)| self.app_status(slot, app))
                 .collect(),
             refused: self.discovery.refused().into(),
+        }
+    }
+
+    fn app_status(&self, slot: u8, app: &App) -> AppStatus {
+        let guids = app.endpoints.keys();
+        let guids = guids.map(|entity| Guid::new(self.config.prefix, *entity));
+        AppStatus {
+            slot,
+            name: app.name.clone(),
+            attached: app.backlog.is_none(),
+            endpoints: guids
+                .filter_map(|guid| self.matchmaker.endpoint(guid))
+                .map(|endpoint| {
+                    let matches = self.matchmaker.matches_of(endpoint.guid.entity);
+                    EndpointStatus::new(endpoint, matches.map(|guid| guid.to_string()))
+                })
+                .collect(),
         }
     }
 

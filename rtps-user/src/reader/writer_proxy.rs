@@ -22,6 +22,8 @@ use crate::RemoteEndpoint;
 use crate::qos::Durability;
 use crate::wire::{Gap, Guid, Heartbeat, SequenceNumber, SequenceNumberSet};
 
+/// What the GUID prefixes of Fast DDS begin with: its vendor id, as RTPS 2.5 section 9.3.1.5 asks for.
+const FAST_DDS: [u8; 2] = [0x01, 0x0f];
 /// Changes held because one before them is missing, or because the cache is full.
 const MAX_HELD: usize = 8192;
 /// Ranges of numbers that are dealt with beyond missing ones.
@@ -140,13 +142,15 @@ impl WriterProxy {
         self.next.min(highest)
     }
 
-    /// The base of the ACKNACK that greets the writer: 0 where the reader has no past with it, which is what
-    /// other implementations take for a request of a HEARTBEAT.
+    /// The base of the ACKNACK that greets the writer. To an empty set from the first number on every writer
+    /// answers with a HEARTBEAT at once, but Fast DDS does so only where the set begins at 0, which others take
+    /// for malformed.
     pub(super) fn greeting_base(&self) -> SequenceNumber {
-        if self.started {
-            self.base()
-        } else {
+        let is_fast_dds = self.guid.prefix.0.starts_with(&FAST_DDS);
+        if is_fast_dds && !self.started && self.next == SequenceNumber(1) {
             SequenceNumber::ZERO
+        } else {
+            self.base()
         }
     }
 

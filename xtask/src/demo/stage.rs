@@ -90,7 +90,7 @@ impl<'a> Stage<'a> {
 
     /// Everybody is on the loopback interface of this host.
     pub(crate) fn in_process(samples: u64, slack: Duration) -> Result<Self> {
-        let (program, others) = other_program()?;
+        let (program, extra, others) = other_program()?;
         let app = |label: &str, circles: u64| {
             let mut command = Command::new(std::env::current_exe()?);
             command
@@ -100,9 +100,7 @@ impl<'a> Stage<'a> {
         };
         let other = |label: &str, arguments: &str| {
             let mut command = Command::new(&program);
-            command
-                .args(arguments.split_whitespace())
-                .args(["--interface", "lo"]);
+            command.args(arguments.split_whitespace()).args(extra);
             Process::spawn(label, command.env("RTPS_INTERFACES", "lo"))
         };
         let (squares, circles) = peer_arguments(samples, slack, LOOPBACK_DOMAIN);
@@ -199,13 +197,17 @@ fn peer_arguments(samples: u64, slack: Duration, domain: u32) -> (String, String
     )
 }
 
-/// Cyclone DDS where it is there; else the shapes example, which takes the same arguments.
-fn other_program() -> Result<(PathBuf, &'static str)> {
+/// Cyclone DDS where it is there; else the shapes example, which takes the same arguments but one.
+fn other_program() -> Result<(PathBuf, &'static [&'static str], &'static str)> {
     match peers::cyclone() {
-        Ok(peer) => Ok((peer.program().to_owned(), "Cyclone DDS")),
+        Ok(peer) => Ok((
+            peer.program().to_owned(),
+            &["--interface", "lo"],
+            "Cyclone DDS",
+        )),
         Err(error) => {
             println!("Cyclone DDS cannot be had ({error:#}); an app of ours takes its part");
-            Ok((binaries::build()?.example("shapes"), "shapes"))
+            Ok((binaries::build()?.example("shapes"), &[], "shapes"))
         }
     }
 }

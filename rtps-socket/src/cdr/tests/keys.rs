@@ -64,21 +64,30 @@ fn a_short_key_is_its_own_hash_ordered_by_member_id() {
 #[test]
 fn a_key_payload_has_the_encoding_of_the_type_and_its_key_members() {
     let payload = key(&located(), Representation::Xcdr1);
-    assert_eq!(payload, hex("00010000 0100000000000000 03000400"));
+    assert_eq!(payload, hex("00010000 0100000000000000 03000400 00000000"));
     let payload = key(&located(), Representation::Xcdr2);
     assert_eq!(
         payload,
         hex("00090000 10000000 0100000000000000 04000000 03000400")
     );
     let payload = key(&square(), Representation::Xcdr1);
-    assert_eq!(payload, hex("00010000 04000000 52454400"));
+    assert_eq!(payload, hex("00010000 04000000 52454400 0000000000000000"));
     let mutable = Mutable {
         a: 7,
         b: Some(1),
         s: "x".to_owned(),
     };
     let payload = key(&mutable, Representation::Xcdr2);
-    assert_eq!(payload, hex("000b0000 08000000 010000a0 07000000"));
+    assert_eq!(payload, hex("000b0000 08000000 010000a0 07000000 00000000"));
+}
+
+/// Fast DDS would take 16 bytes for the key hash.
+#[test]
+fn no_key_payload_is_as_short_as_a_key_hash() {
+    for representation in REPRESENTATIONS {
+        assert!(key(&square(), representation).len() > 16);
+        assert!(key(&located(), representation).len() > 16);
+    }
 }
 
 #[test]

@@ -268,3 +268,6 @@ impl Control {
 fn encode(request: &ToLayer) -> Vec<u8> {
     postcard::to_stdvec(request).expect("requests have no maps or numbers that postcard refuses")
 }
+
+#[cfg(test)]
+mod tests;

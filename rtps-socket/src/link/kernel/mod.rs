@@ -106,10 +106,12 @@ impl KernelLink {
                 "the layer was set up anew and this app's endpoints are unknown: restart the app";
             return Err(AttachError::Refused(what.to_owned()));
         }
-        // The same ring, unless the layer was set up anew; its positions are part of what is mapped.
-        let (ring, bell) = map(fds)?;
-        self.epoll.add(ring.as_fd(), RING, Interest::Level)?;
-        (self.ring, self.bell) = (ring, bell);
+        // An app that comes back still has its ring: nothing is passed.
+        if !fds.is_empty() {
+            let (ring, bell) = map(fds)?;
+            self.epoll.add(ring.as_fd(), RING, Interest::Level)?;
+            (self.ring, self.bell) = (ring, bell);
+        }
         Ok(())
     }
 

@@ -185,3 +185,13 @@ fn a_thousand_participants_are_no_burden() {
     let elapsed = start.elapsed();
     assert!(elapsed < 20 * SECOND, "{elapsed:?}");
 }
+
+#[test]
+fn participants_of_other_domains_are_ignored() {
+    let mut net = Net::new(1);
+    let mut other_domain = config(2);
+    other_domain.domain = 7;
+    net.add(other_domain);
+    net.run(SECOND);
+    assert!(net.hosts[0].layer.status().participants.is_empty());
+}

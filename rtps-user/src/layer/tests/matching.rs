@@ -3,6 +3,8 @@
 use std::net::SocketAddr;
 use std::time::Duration;
 
+use rtps_ebpf::SlotSet;
+
 use super::sim::{Net, config, endpoint, hello, prefix, reliable};
 use super::{READER, SECOND, WRITER, matched, matches, unmatched};
 use crate::layer::StoreKey;
@@ -170,5 +172,10 @@ fn requests_that_make_no_sense_are_refused() {
     let mut stranger = hello();
     stranger.domain = 1;
     let now = net.now;
-    assert!(net.hosts[0].layer.attach(now, &stranger, [0; 16]).is_err());
+    assert!(
+        net.hosts[0]
+            .layer
+            .attach(now, &stranger, [0; 16], &SlotSet::EMPTY)
+            .is_err()
+    );
 }

@@ -56,6 +56,28 @@ fn after_a_broken_connection_all_is_found_again() {
 }
 
 #[test]
+fn new_addresses_reach_the_others() {
+    let (mut net, writer, reader) = matched();
+    let (metatraffic, user) = ("10.0.9.9:7410", "10.0.9.9:7411");
+    let told = |net: &mut Net| {
+        let addresses = [metatraffic, user].map(|address| vec![address.parse().unwrap()]);
+        let [metatraffic, user] = addresses;
+        let now = net.now;
+        net.hosts[0].layer.set_addresses(now, metatraffic, user);
+        net.run(SECOND);
+    };
+    told(&mut net);
+    let replies = net.replies(1);
+    let [(_, FromLayer::Matched { local, remote })] = replies.as_slice() else {
+        panic!("{replies:?}");
+    };
+    assert_eq!((*local, remote.guid), (reader.entity, writer));
+    assert_eq!(remote.unicast, [user.parse().unwrap()]);
+    told(&mut net);
+    assert_eq!(net.replies(1), []);
+}
+
+#[test]
 fn liveliness_is_asserted_for_automatic_writers_and_on_demand() {
     let mut net = Net::new(2);
     let (a, b) = (net.attach(0), net.attach(1));

@@ -139,7 +139,12 @@ impl Net {
     pub(super) fn attach(&mut self, host: usize) -> u8 {
         let host = &mut self.hosts[host];
         host.layer
-            .attach(self.now, &hello(), [host.address.port() as u8; 16])
+            .attach(
+                self.now,
+                &hello(),
+                [host.address.port() as u8; 16],
+                &SlotSet::EMPTY,
+            )
             .unwrap()
             .slot
     }
@@ -149,7 +154,10 @@ impl Net {
         let token = [host.address.port() as u8; 16];
         let mut hello = hello();
         hello.resume = Some(Resume { slot, token });
-        host.layer.attach(self.now, &hello, [99; 16]).unwrap().slot
+        host.layer
+            .attach(self.now, &hello, [99; 16], &SlotSet::EMPTY)
+            .unwrap()
+            .slot
     }
 
     pub(super) fn declare(&mut self, host: usize, endpoint: Endpoint) -> Guid {

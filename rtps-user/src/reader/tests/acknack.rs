@@ -6,18 +6,27 @@ use super::*;
 fn a_writer_is_greeted_until_its_first_heartbeat() {
     let mut bench = Bench::new(reliable(), reliable());
     assert_eq!(bench.reader.poll_timeout(), Some(bench.now));
-    assert_eq!(bench.answers(), [Answer::AckNack(0, vec![], 1, false)]);
+    assert_eq!(bench.answers(), [Answer::AckNack(1, vec![], 1, false)]);
     bench.wait(49);
     assert_eq!(bench.answers(), []);
     bench.wait(1);
-    assert_eq!(bench.answers(), [Answer::AckNack(0, vec![], 2, false)]);
+    assert_eq!(bench.answers(), [Answer::AckNack(1, vec![], 2, false)]);
     bench.wait(50);
     assert_eq!(bench.answers(), []);
     bench.wait(50);
-    assert_eq!(bench.answers(), [Answer::AckNack(0, vec![], 3, false)]);
+    assert_eq!(bench.answers(), [Answer::AckNack(1, vec![], 3, false)]);
     bench.heartbeat(1, 0);
     assert_eq!(bench.answers(), [Answer::AckNack(1, vec![], 4, true)]);
     assert_eq!(bench.reader.poll_timeout(), None);
+}
+
+#[test]
+fn fast_dds_is_greeted_in_its_own_way() {
+    let mut bench = Bench::unmatched(ReaderConfig::new(reader_guid(), reliable()));
+    bench.writer.prefix.0[..2].copy_from_slice(&[0x01, 0x0f]);
+    let known = remote(bench.writer, reliable());
+    bench.reader.match_writer(bench.now, &known);
+    assert_eq!(bench.answers(), [Answer::AckNack(0, vec![], 1, false)]);
 }
 
 #[test]

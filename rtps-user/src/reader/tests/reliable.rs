@@ -238,7 +238,7 @@ fn a_reader_resumed_without_progress_only_counts_on() {
     bench
         .reader
         .resume_from(bench.writer, SequenceNumber(1), 1000);
-    assert_eq!(bench.answers(), [Answer::AckNack(0, vec![], 1001, false)]);
+    assert_eq!(bench.answers(), [Answer::AckNack(1, vec![], 1001, false)]);
     bench.heartbeat(100_000, 100_001);
     assert_eq!(
         bench.answers(),

@@ -1,14 +1,12 @@
-//! Participants of the in-process layer with each other, over the loopback interface of a network namespace of their
-//! own where the test runs as root, else in domains that nothing else here uses.
-
-mod support;
+//! Typed writers and readers of several participants with each other.
 
 use std::time::{Duration, Instant};
 
 use rtps_socket::error::WaitError;
 use rtps_socket::qos::PolicyId;
 use rtps_socket::{InstanceState, Qos, StatusEvent};
-use support::{Shape, participant, shape};
+
+use crate::support::{self, Shape, participant, shape};
 
 const LONG: Duration = Duration::from_secs(10);
 
@@ -265,7 +263,9 @@ fn listeners_are_called_and_may_use_the_api() {
             writer.write(&shape("GREETING", 1, 0)).unwrap();
         }
     });
-    let reader = b.create_reader(&topic, Qos::reliable()).unwrap();
+    let reader = b
+        .create_reader(&topic, Qos::reliable().transient_local())
+        .unwrap();
     let sample = reader.take_next(LONG).expect("what the listener wrote");
     assert_eq!(sample.data.unwrap().color, "GREETING");
 }

@@ -1,0 +1,7 @@
+//! The API over the in-process layer: in a network namespace of its own where a test runs as root, else in a domain
+//! that no other test has.
+
+mod dcps;
+mod event_loop;
+mod processes;
+mod support;
