@@ -32,6 +32,20 @@ pub enum CreateError {
     /// Entity ids have 16 bits for an app's endpoints.
     #[error("the participant has 65,535 endpoints already: drop some")]
     TooManyEndpoints,
+    /// What is said of an endpoint takes one packet of the layer protocol.
+    #[error(
+        "the declaration of the endpoint has {size} bytes and may have {limit}: shorten its user, topic or group \
+         data, or its partitions"
+    )]
+    TooLarge {
+        /// What it would have, in bytes.
+        size: usize,
+        /// What it may have, in bytes.
+        limit: usize,
+    },
+    /// The layer was set up anew, and the participant is no longer part of the domain.
+    #[error("the layer was unloaded: open the participant again")]
+    LayerLost,
     /// Nothing but CDR is written.
     #[error("the XML data representation is not supported: choose xcdr1() or xcdr2()")]
     UnsupportedRepresentation,
@@ -59,9 +73,12 @@ pub enum WriteError {
     /// Only topics with keys have instances to dispose or unregister.
     #[error("the topic has no key, so there is no instance to dispose or unregister")]
     NoKey,
-    /// The layer has gone for good.
+    /// The writer has been withdrawn.
     #[error("the writer's participant is closed")]
     Closed,
+    /// The layer was set up anew, and the participant is no longer part of the domain.
+    #[error("the layer was unloaded: open the participant again")]
+    LayerLost,
 }
 
 /// A wait ended without what was waited for.
@@ -79,6 +96,9 @@ pub enum WaitError {
         /// There.
         matched: usize,
     },
+    /// The layer was set up anew, and the participant is no longer part of the domain.
+    #[error("the layer was unloaded: open the participant again")]
+    LayerLost,
     /// Samples are under way, or a reader has stopped.
     #[error("a reliable reader has not acknowledged everything in time")]
     Unacknowledged,

@@ -86,6 +86,14 @@ pub enum StatusEvent {
         /// The instance.
         instance: KeyHash,
     },
+    /// The layer refuses a declaration of the participant, this endpoint's or another's.
+    Refused {
+        /// Why, and what can be done.
+        reason: String,
+    },
+    /// The layer was set up anew while the app had no connection to it, and the participant is no longer part of
+    /// the domain. Nothing is sent or received any more: open the participant again.
+    LayerLost,
     /// A sample is not of the topic's type and was left out.
     Undecodable {
         /// The writer.

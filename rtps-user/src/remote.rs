@@ -1,6 +1,6 @@
 //! What discovery tells an endpoint of a matched remote one.
 
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 
 use serde::{Deserialize, Serialize};
 
@@ -15,6 +15,9 @@ pub struct RemoteEndpoint {
     /// Where to send what is for it, best first: its own unicast locators or its participant's default ones,
     /// those that we can reach; one of them is enough.
     pub unicast: Vec<SocketAddr>,
+    /// Where its datagrams may come from: what others send in its name is not taken. Empty where that is not checked,
+    /// between endpoints of one host.
+    pub addresses: Vec<IpAddr>,
     /// Multicast groups that it listens to.
     pub multicast: Vec<SocketAddr>,
     /// A reader that wants inline QoS with each sample.

@@ -23,6 +23,8 @@ const PACKAGES: &[Package] = &[
     Package::new("tshark", "/usr/bin/tshark"),
 ];
 
+/// Opening and closing a packet socket waits for every CPU, on a busy machine for seconds.
+const TCPDUMP_ANSWER: Duration = Duration::from_secs(30);
 /// More octets than the MTU of any link of the harness; `lo` is no link.
 const LONGEST_PACKET: &str = "4096";
 /// tcpdump reads its ring in intervals; what was sent shortly before the end is in there by then.
@@ -51,7 +53,7 @@ impl Capture {
             .arg(&file.path)
             .arg("udp or (ip[6:2] & 0x1fff != 0) or ip6[6] == 44");
         let mut tcpdump = Process::spawn("tcpdump", &mut command)?;
-        tcpdump.wait_line("listening on", Duration::from_secs(10))?;
+        tcpdump.wait_line("listening on", TCPDUMP_ANSWER)?;
         Ok(Self { tcpdump, file })
     }
 
@@ -59,7 +61,7 @@ impl Capture {
     pub fn finish(mut self) -> Result<Decoded> {
         thread::sleep(LAST_PACKETS);
         self.tcpdump.signal(Signal::SIGINT)?;
-        self.tcpdump.wait_success(Duration::from_secs(10))?;
+        self.tcpdump.wait_success(TCPDUMP_ANSWER)?;
         if !self
             .tcpdump
             .text()

@@ -11,9 +11,9 @@ use crate::netns::Netns;
 use crate::process::Process;
 
 /// Loading, self-tests and the first announcements take less.
-const START: Duration = Duration::from_secs(20);
+const START: Duration = Duration::from_secs(60);
 /// Disposing, detaching and unpinning take less.
-const STOP: Duration = Duration::from_secs(10);
+const STOP: Duration = Duration::from_secs(30);
 
 /// A running rtpsd. Dropping it stops it cleanly, so that nothing stays attached or pinned.
 pub struct KernelLayer<'a> {
@@ -74,9 +74,11 @@ impl<'a> KernelLayer<'a> {
 
 impl Drop for KernelLayer<'_> {
     fn drop(&mut self) {
+        // A test may have stopped it.
         let stopped = self
             .process
             .signal(Signal::SIGTERM)
+            .and_then(|()| self.process.signal(Signal::SIGCONT))
             .and_then(|()| self.process.wait_exit(STOP).map(drop));
         let removed = self.netns.enter(rtpsd::unload).map(drop);
         if let Err(error) = stopped.and(removed) {

@@ -13,7 +13,8 @@ use nix::net::if_::InterfaceFlags;
 
 use crate::netns::Netns;
 
-const CARRIER_TIMEOUT: Duration = Duration::from_secs(5);
+/// On a busy machine namespaces that end hold the lock of all interfaces for seconds.
+const CARRIER_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// An interface of a host, up and with its addresses.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -43,8 +43,8 @@ pub struct Lossy {
 }
 
 impl Lossy {
-    /// Lets packets in one direction through an interface of `netns` get lost. Attach it to the
-    /// remote end: the end of the layer under test keeps its hooks to itself.
+    /// Lets packets in one direction through an interface of `netns` get lost. A kernel layer on
+    /// that host takes packets off the link before [`Direction::Ingress`] could lose them.
     pub fn attach(
         netns: &Netns,
         interface: &Interface,

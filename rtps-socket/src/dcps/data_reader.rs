@@ -63,7 +63,8 @@ impl<T: DdsType> DataReader<T> {
         self.decode_all(self.reader.read(max, selection))
     }
 
-    /// Takes the next sample, waiting for it up to `timeout`; `None` when none has come.
+    /// Takes the next sample, waiting for it up to `timeout`; `None` when none has come. A wait without end ends where the
+    /// layer is lost, of which [`StatusEvent::LayerLost`] tells.
     pub fn take_next(&self, timeout: Duration) -> Option<Sample<T>> {
         let deadline = Instant::now().checked_add(timeout);
         loop {

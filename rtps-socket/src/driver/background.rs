@@ -50,7 +50,8 @@ fn drive<'a>(shared: &'a Shared, mut core: MutexGuard<'a, Core>) -> MutexGuard<'
     let now = Instant::now();
     core.settle(now);
     let Some(timeout) = core.prepare_sleep(now, None) else {
-        core.receive(now, Wakeups::default());
+        let wakeups = shared.look_in_time(&mut core, now);
+        core.receive(now, wakeups);
         shared.release(core);
         return shared.lock();
     };
@@ -69,6 +70,7 @@ fn drive<'a>(shared: &'a Shared, mut core: MutexGuard<'a, Core>) -> MutexGuard<'
         return core;
     }
     core.awake();
+    core.seat.looked = Some(Instant::now());
     let mut wakeups = Wakeups::default();
     if has_arrived {
         wakeups = shared.epoll.wait(Some(Duration::ZERO)).unwrap_or_default();

@@ -9,7 +9,7 @@ use rtps_user::layer::protocol::{Endpoint, FromLayer, ToLayer};
 use rtps_user::qos::{PolicyId, Qos};
 use rtps_user::wire::{EntityId, EntityKind, Guid};
 
-use super::entity::{Entity, Notice};
+use super::entity::{Entity, Listener, Notice};
 use super::seat::{Holder, SLACK, Seat, Sleep, WRITING};
 use crate::link::{Identity, LayerKind, Link};
 use crate::status::StatusEvent;
@@ -27,6 +27,7 @@ pub(crate) struct Core {
     outgoing: Vec<u8>,
     notices: Vec<Notice>,
     last_write: Option<Instant>,
+    is_lost: bool,
 }
 
 impl Core {
@@ -42,12 +43,18 @@ impl Core {
             outgoing: Vec::new(),
             notices: Vec::new(),
             last_write: None,
+            is_lost: false,
         }
     }
 
     /// Which layer the participant uses.
     pub(crate) fn layer(&self) -> LayerKind {
         self.link.kind()
+    }
+
+    /// Whether the participant is no longer part of the domain, because its layer was set up anew.
+    pub(crate) fn is_lost(&self) -> bool {
+        self.is_lost
     }
 
     /// The most bytes of a datagram.
@@ -92,7 +99,16 @@ impl Core {
         self.link.request(now, ToLayer::Withdraw(id));
         if let Some(mut entity) = self.entities.remove(&id) {
             entity.wake(&mut self.notices);
+            self.notices.push(Notice::Gone(Box::new(entity)));
         }
+    }
+
+    /// Calls `listener` with all further events of an endpoint; returns those that wait.
+    pub(crate) fn set_listener(&mut self, id: EntityId, listener: Listener) -> Vec<StatusEvent> {
+        let entity = self.entities.get_mut(&id);
+        entity.map_or_else(Vec::new, |entity| {
+            entity.set_listener(listener, &mut self.notices)
+        })
     }
 
     /// Asserts the liveliness of all writers that want the app to do so.
@@ -151,6 +167,9 @@ impl Core {
         }
         while let Some(message) = self.link.poll_message() {
             self.handle_message(now, message);
+        }
+        if self.link.is_lost() && !self.is_lost {
+            self.lose_layer(now);
         }
         while let Some(transmit) = self.endpoints.poll_transmit(now, &mut self.outgoing) {
             self.link.send(&transmit, &self.outgoing);
@@ -230,8 +249,32 @@ impl Core {
             } => {
                 self.endpoints.handle_liveliness(now, participant, manual);
             }
-            FromLayer::Refused { reason } => tracing::error!("the layer refuses: {reason}"),
+            FromLayer::Refused { reason } => {
+                tracing::error!("the layer refuses: {reason}");
+                self.report_all(&StatusEvent::Refused { reason });
+            }
             FromLayer::Welcome(_) => {}
+        }
+    }
+
+    /// Ends all matches, which nobody would end any more, and says so.
+    fn lose_layer(&mut self, now: Instant) {
+        self.is_lost = true;
+        for (id, entity) in &mut self.entities {
+            let matched: Vec<_> = entity.matched().iter().copied().collect();
+            for remote in matched {
+                self.endpoints.unmatch(now, *id, remote);
+                entity.remove_match(remote, &mut self.notices);
+            }
+        }
+        self.report_all(&StatusEvent::LayerLost);
+    }
+
+    /// Reports what concerns the participant to all its endpoints.
+    fn report_all(&mut self, event: &StatusEvent) {
+        self.seat.news = true;
+        for entity in self.entities.values_mut() {
+            entity.report(event.clone(), &mut self.notices);
         }
     }
 

@@ -30,6 +30,10 @@ pub(crate) struct Entity {
 pub(super) enum Notice {
     Status(Listener, StatusEvent),
     Wake(Waker),
+    /// An endpoint is gone. What its listener owns may be other endpoints, which take the lock when they go.
+    Gone(Box<Entity>),
+    /// A listener was replaced: the same.
+    Replaced(Listener),
 }
 
 impl Notice {
@@ -37,6 +41,8 @@ impl Notice {
         match self {
             Self::Status(listener, event) => listener(event),
             Self::Wake(waker) => waker.wake(),
+            Self::Gone(entity) => drop(entity),
+            Self::Replaced(listener) => drop(listener),
         }
     }
 }
@@ -65,8 +71,13 @@ impl Entity {
     }
 
     /// Calls `listener` with all further events, and first with those that wait.
-    pub(crate) fn set_listener(&mut self, listener: Listener) -> Vec<StatusEvent> {
-        self.listener = Some(listener);
+    pub(super) fn set_listener(
+        &mut self,
+        listener: Listener,
+        notices: &mut Vec<Notice>,
+    ) -> Vec<StatusEvent> {
+        let replaced = self.listener.replace(listener);
+        notices.extend(replaced.map(Notice::Replaced));
         self.take_events()
     }
 

@@ -13,6 +13,9 @@ use super::{Core, Shared, clear, signal};
 use crate::link::{INTERRUPT, TIMER};
 use crate::sys::{Interest, Wakeups};
 
+/// How often what arrives meanwhile is taken in before the caller gets its turn.
+const ROUNDS: usize = 4;
+
 impl Shared {
     /// The descriptor to wait for; from the first call on it is the caller who drives.
     pub(crate) fn external_fd(&self) -> BorrowedFd<'_> {
@@ -48,8 +51,9 @@ impl Shared {
     /// Asks to be woken, now that the caller goes back to its loop.
     pub(super) fn prepare_external_sleep(&self, core: &mut Core) {
         let now = Instant::now();
-        while core.prepare_sleep(now, None).is_none() {
-            core.receive(now, Wakeups::default());
+        if !(0..ROUNDS).any(|_| core.is_quiet(now)) {
+            // There is more: the descriptor stays readable, and the caller's loop gets its turn before.
+            signal(&self.interrupt);
         }
         let Some(due) = core.poll_timeout() else {
             return;
@@ -66,5 +70,16 @@ impl Shared {
                 tracing::error!(%error, "the timer cannot be set");
             }
         }
+    }
+}
+
+impl Core {
+    /// Asks to be woken, or takes in what has arrived.
+    fn is_quiet(&mut self, now: Instant) -> bool {
+        let is_quiet = self.prepare_sleep(now, None).is_some();
+        if !is_quiet {
+            self.receive(now, Wakeups::default());
+        }
+        is_quiet
     }
 }

@@ -3,10 +3,13 @@
 //! A participant has one [`Core`] behind one lock. A thread that waits for data takes the [`Seat`]: it sleeps on the
 //! participant's descriptors itself, and when it wakes it reads, runs the protocol, sends what comes out, and finds
 //! its sample, with no thread in between. Threads that come later wait for the one in the seat. A background thread
-//! takes the seat when nobody waits for a while, so that the protocol never stops; while others drive it only looks
-//! now and then, and not even that when the one in the seat sleeps for long.
+//! takes the seat when nobody has slept in it for a while, so that the protocol stands still for some twenty
+//! milliseconds at most; while others drive it only looks now and then, and not even that when the one in the seat
+//! sleeps for long. Calls that find or do not find something at once do not count as driving where samples come
+//! through descriptors: they look at those once, and leave the rest to the background thread.
 //!
-//! Listeners and wakers are called by the driving thread after it let go of the lock.
+//! Listeners and wakers are called, and dropped, by the driving thread after it let go of the lock. A listener that
+//! waits drives on in the seat of its thread.
 
 mod background;
 mod core;
@@ -28,7 +31,7 @@ pub(crate) use entity::Listener;
 
 use self::entity::Notice;
 use self::seat::Holder;
-use crate::link::{self, INTERRUPT, OpenError, Settings};
+use crate::link::{self, INTERRUPT, Link, OpenError, Settings};
 use crate::sys::{Epoll, Interest};
 
 /// What the driving threads share.
@@ -43,7 +46,7 @@ pub(crate) struct Shared {
     timer: TimerFd,
     /// The background thread, which is parked while others drive.
     background: OnceLock<Thread>,
-    /// How many waits there have been: the background thread looks at it without taking the lock.
+    /// How often others have driven: the background thread looks at it without taking the lock.
     waits: AtomicU64,
     /// Where threads wait while another has the seat.
     followers: Condvar,
@@ -60,6 +63,11 @@ impl Driver {
     pub(crate) fn open(settings: &Settings) -> Result<Self, OpenError> {
         let epoll = Arc::new(Epoll::new()?);
         let link = link::open(settings, &epoll)?;
+        Self::start(link, epoll)
+    }
+
+    /// Starts driving a link, whose descriptors are in `epoll`.
+    fn start(link: Box<dyn Link>, epoll: Arc<Epoll>) -> Result<Self, OpenError> {
         let interrupt = event()?;
         epoll.add(
             std::os::fd::AsFd::as_fd(&interrupt),
@@ -140,6 +148,13 @@ impl Shared {
 
     /// Lets go of a settled core and tells everybody who has to know.
     fn release(&self, mut core: MutexGuard<'_, Core>) {
+        if core.seat.is_external && core.seat.holder != Holder::Foreground {
+            self.prepare_external_sleep(&mut core);
+        } else if core.seat.sleeps_beyond(core.poll_timeout()) {
+            core.seat.sleeps_until = None;
+            signal(&self.interrupt);
+        }
+        // Preparing a sleep may have received something.
         let notices = core.take_notices();
         if core.seat.followers > 0 && core.seat.news {
             self.followers.notify_all();
@@ -147,12 +162,6 @@ impl Shared {
         core.seat.news = false;
         if core.seat.is_wanted && core.seat.holder == Holder::Nobody {
             self.wake_background();
-        }
-        if core.seat.is_external && core.seat.holder != Holder::Foreground {
-            self.prepare_external_sleep(&mut core);
-        } else if core.seat.sleeps_beyond(core.poll_timeout()) {
-            core.seat.sleeps_until = None;
-            signal(&self.interrupt);
         }
         drop(core);
         notices.into_iter().for_each(Notice::deliver);
@@ -174,3 +183,6 @@ fn clear(event: &EventFd) {
     // Fails only when there is nothing to clear.
     let _ = event.read();
 }
+
+#[cfg(test)]
+mod tests;

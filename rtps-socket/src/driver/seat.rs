@@ -1,5 +1,6 @@
 //! Who drives at the moment.
 
+use std::thread::{self, ThreadId};
 use std::time::{Duration, Instant};
 
 /// A timer may be late by this much when the thread in the seat sleeps: writing in a steady rhythm then never has to
@@ -7,6 +8,10 @@ use std::time::{Duration, Instant};
 pub(super) const SLACK: Duration = Duration::from_millis(10);
 /// For how long after a write the thread in the seat looks so often.
 pub(super) const WRITING: Duration = Duration::from_millis(100);
+
+/// How long the descriptors may go unseen while there is always something else to do: in a flood of samples that
+/// are found in memory, matching and the layer's messages must not stand still.
+pub(super) const LOOK_PERIOD: Duration = Duration::from_millis(10);
 
 /// What counts as a long wait.
 const REST_AFTER: Duration = Duration::from_millis(100);
@@ -29,6 +34,10 @@ pub(crate) struct Seat {
     pub(super) holder: Holder,
     /// Since when a foreground thread has held it.
     pub(super) since: Option<Instant>,
+    /// The foreground thread that holds it.
+    pub(super) thread: Option<ThreadId>,
+    /// When somebody looked at the descriptors last.
+    pub(super) looked: Option<Instant>,
     /// Until when the holder sleeps at the latest, while it sleeps.
     pub(super) sleeps_until: Option<Sleep>,
     /// Threads that wait for the holder to find something for them.
@@ -57,6 +66,18 @@ pub(super) enum Sleep {
 }
 
 impl Seat {
+    /// Whether this thread holds it already: it then is in a listener, which itself waits for something.
+    pub(super) fn is_mine(&self) -> bool {
+        self.thread
+            .is_some_and(|held| held == thread::current().id())
+    }
+
+    /// Whether nobody has looked at the descriptors for `period`.
+    pub(super) fn is_unseen(&self, now: Instant, period: Duration) -> bool {
+        self.looked
+            .is_none_or(|looked| now.saturating_duration_since(looked) >= period)
+    }
+
     /// Whether the holder is one who waits for long: the background thread need not even look any more.
     pub(super) fn rests(&self) -> bool {
         self.since

@@ -2,11 +2,12 @@
 
 use std::sync::atomic::Ordering;
 use std::sync::{MutexGuard, PoisonError};
-use std::time::Instant;
+use std::thread;
+use std::time::{Duration, Instant};
 
-use super::seat::Holder;
+use super::seat::{Holder, LOOK_PERIOD};
 use super::{Core, Shared, clear, signal};
-use crate::link::INTERRUPT;
+use crate::link::{INTERRUPT, LayerKind};
 use crate::sys::Wakeups;
 
 impl Shared {
@@ -17,15 +18,25 @@ impl Shared {
         deadline: Option<Instant>,
         mut look: impl FnMut(&mut Core, Instant) -> Option<R>,
     ) -> Option<R> {
-        self.waits.fetch_add(1, Ordering::Relaxed);
         let mut core = self.lock();
-        let mut has_seat = false;
+        let is_nested = core.seat.is_mine();
+        let mut has_seat = is_nested;
+        let mut has_looked = false;
         let mut now = Instant::now();
         core.receive(now, Wakeups::default());
         let found = loop {
             let found = look(&mut core, now);
-            let is_over = deadline.is_some_and(|deadline| deadline <= now) || core.seat.is_closed;
+            // A wait without a deadline would never end in a participant that lost its layer.
+            let is_over = deadline.map_or_else(|| core.is_lost(), |deadline| deadline <= now)
+                || core.seat.is_closed;
             if found.is_some() || is_over {
+                if !has_seat && !has_looked {
+                    has_looked = true;
+                    let has_news = self.look_briefly(&mut core, now, found.is_some());
+                    if has_news && found.is_none() {
+                        continue;
+                    }
+                }
                 core.settle(now);
                 break found;
             }
@@ -37,7 +48,10 @@ impl Shared {
             };
             now = Instant::now();
         };
-        if has_seat {
+        if is_nested {
+            // The sleep that was prepared before the listener was called is out of date.
+            signal(&self.interrupt);
+        } else if has_seat {
             self.leave_seat(&mut core);
         }
         self.release(core);
@@ -48,8 +62,48 @@ impl Shared {
     pub(crate) fn poll<R>(&self, look: impl FnOnce(&mut Core, Instant) -> R) -> R {
         self.with(|core, now| {
             core.receive(now, Wakeups::default());
+            self.look_briefly(core, now, false);
             look(core, now)
         })
+    }
+
+    /// Looks at the descriptors in a call that does not wait: a caller who only ever polls gets all the same what comes
+    /// through them. Whether it was time to, and something was there.
+    fn look_briefly(&self, core: &mut Core, now: Instant, is_busy: bool) -> bool {
+        let is_free = core.seat.holder == Holder::Nobody && !core.seat.is_external;
+        let period = match core.layer() {
+            LayerKind::InProcess if !is_busy => Duration::ZERO,
+            LayerKind::InProcess | LayerKind::Kernel => LOOK_PERIOD,
+        };
+        if !is_free || !core.seat.is_unseen(now, period) {
+            return false;
+        }
+        let wakeups = self.look(core, now);
+        core.receive(now, wakeups);
+        !wakeups.is_empty()
+    }
+
+    /// Asks for what is readable, without waiting.
+    pub(super) fn look(&self, core: &mut Core, now: Instant) -> Wakeups {
+        core.seat.looked = Some(now);
+        // Where samples come through descriptors, a look now and then is not enough to keep up with them, and the
+        // background thread has to help.
+        if core.layer() == LayerKind::Kernel {
+            self.waits.fetch_add(1, Ordering::Relaxed);
+        }
+        let wakeups = self.epoll.wait(Some(Duration::ZERO)).unwrap_or_default();
+        if wakeups.contains(INTERRUPT) {
+            clear(&self.interrupt);
+        }
+        wakeups
+    }
+
+    /// What is readable, where nobody has looked for long, for who finds no time to sleep.
+    pub(super) fn look_in_time(&self, core: &mut Core, now: Instant) -> Wakeups {
+        match core.seat.is_unseen(now, LOOK_PERIOD) {
+            true => self.look(core, now),
+            false => Wakeups::default(),
+        }
     }
 
     /// Takes the seat unless another foreground thread has it.
@@ -62,6 +116,7 @@ impl Shared {
         }
         core.seat.holder = Holder::Foreground;
         core.seat.since = Some(now);
+        core.seat.thread = Some(thread::current().id());
         true
     }
 
@@ -72,23 +127,28 @@ impl Shared {
         deadline: Option<Instant>,
     ) -> MutexGuard<'a, Core> {
         let Some(timeout) = core.prepare_sleep(now, deadline) else {
-            core.receive(now, Wakeups::default());
+            let wakeups = self.look_in_time(&mut core, now);
+            core.receive(now, wakeups);
             return core;
         };
         self.release(core);
         let wakeups = self.epoll.wait(timeout).unwrap_or_default();
+        self.waits.fetch_add(1, Ordering::Relaxed);
+        let now = Instant::now();
         let mut core = self.lock();
         core.awake();
+        core.seat.looked = Some(now);
         if wakeups.contains(INTERRUPT) {
             clear(&self.interrupt);
         }
-        core.receive(Instant::now(), wakeups);
+        core.receive(now, wakeups);
         core
     }
 
     fn leave_seat(&self, core: &mut Core) {
         core.seat.holder = Holder::Nobody;
         core.seat.since = None;
+        core.seat.thread = None;
         if core.seat.followers > 0 {
             // One of them takes the seat.
             core.seat.news = true;

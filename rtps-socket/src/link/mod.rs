@@ -96,8 +96,16 @@ pub(crate) trait Link: Send {
     /// Does what is due.
     fn handle_timeout(&mut self, now: Instant);
 
+    /// Whether the layer has gone for good: it was set up anew and gave the app's identity away. Nothing is sent then.
+    fn is_lost(&self) -> bool;
+
     /// Leaves the domain in good order.
     fn shutdown(&mut self, now: Instant);
+}
+
+/// A packet of the layer protocol.
+pub(crate) fn encode(request: &ToLayer) -> Vec<u8> {
+    postcard::to_stdvec(request).expect("requests have no maps or numbers that postcard refuses")
 }
 
 /// Logs a datagram that could not be sent; the protocol repeats what matters.

@@ -53,9 +53,12 @@ impl EndpointHandle {
         self.shared()
             .wait_until(deadline(timeout), |core, _| {
                 matched = core.entity(self.id())?.matched().len();
-                (matched >= wanted).then_some(())
+                if matched < wanted && core.is_lost() {
+                    return Some(Err(WaitError::LayerLost));
+                }
+                (matched >= wanted).then_some(Ok(()))
             })
-            .ok_or(WaitError::TooFewMatched { wanted, matched })
+            .unwrap_or(Err(WaitError::TooFewMatched { wanted, matched }))
     }
 
     pub(super) fn status_events(&self) -> Vec<StatusEvent> {
@@ -66,12 +69,9 @@ impl EndpointHandle {
     }
 
     pub(super) fn set_listener(&self, listener: Listener) {
-        let waiting = self.shared().with(|core, _| {
-            let entity = core.entity_mut(self.id());
-            entity.map_or_else(Vec::new, |entity| {
-                entity.set_listener(Arc::clone(&listener))
-            })
-        });
+        let waiting = self
+            .shared()
+            .with(|core, _| core.set_listener(self.id(), Arc::clone(&listener)));
         waiting.into_iter().for_each(|event| listener(event));
     }
 }

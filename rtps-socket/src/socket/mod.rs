@@ -8,9 +8,10 @@ mod raw_writer;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
 
+use rtps_user::layer::protocol::{Endpoint, MAX_PROTOCOL_MESSAGE, ToLayer};
 use rtps_user::qos::{DataRepresentation, History};
 use rtps_user::reader::{InstanceOf, ReaderConfig};
-use rtps_user::wire::EntityKind;
+use rtps_user::wire::{EntityId, EntityKind, Guid};
 use rtps_user::writer::{WriterConfig, WriterTiming};
 use rtps_user::{qos, reader::ReaderTiming};
 
@@ -19,9 +20,9 @@ pub use raw_reader::{RawReader, RawSamples};
 pub use raw_writer::{RawChange, RawWriter};
 
 use self::endpoint::EndpointHandle;
-use crate::driver::Driver;
+use crate::driver::{Core, Driver};
 use crate::error::CreateError;
-use crate::link::LayerKind;
+use crate::link::{LayerKind, encode};
 use crate::qos::Qos;
 
 /// An app's place in a DDS domain.
@@ -61,7 +62,7 @@ impl RtpsSocket {
             false => EntityKind::WriterNoKey,
         };
         let guid = self.driver.shared().with(|core, now| {
-            let guid = core.new_guid(kind)?;
+            let guid = new_guid(core, kind)?;
             core.endpoints.add_writer(WriterConfig {
                 guid,
                 qos: qos.clone(),
@@ -69,9 +70,8 @@ impl RtpsSocket {
                 timing: WriterTiming::default(),
             });
             core.declare(now, guid.entity, topic, type_name, qos.clone());
-            Some(guid)
-        });
-        let guid = guid.ok_or(CreateError::TooManyEndpoints)?;
+            Ok(guid)
+        })?;
         Ok(RawWriter::new(
             EndpointHandle::new(&self.driver, guid),
             &qos,
@@ -92,12 +92,13 @@ impl RtpsSocket {
     ) -> Result<RawReader, CreateError> {
         let qos = qos.into_reader();
         check(topic, type_name, &qos)?;
+        let kept = instance_of.clone();
         let kind = match instance_of {
             Some(_) => EntityKind::ReaderWithKey,
             None => EntityKind::ReaderNoKey,
         };
         let guid = self.driver.shared().with(|core, now| {
-            let guid = core.new_guid(kind)?;
+            let guid = new_guid(core, kind)?;
             core.endpoints.add_reader(ReaderConfig {
                 guid,
                 qos: qos.clone(),
@@ -107,10 +108,10 @@ impl RtpsSocket {
                 timing: ReaderTiming::default(),
             });
             core.declare(now, guid.entity, topic, type_name, qos);
-            Some(guid)
-        });
-        let guid = guid.ok_or(CreateError::TooManyEndpoints)?;
-        Ok(RawReader::new(EndpointHandle::new(&self.driver, guid)))
+            Ok(guid)
+        })?;
+        let endpoint = EndpointHandle::new(&self.driver, guid);
+        Ok(RawReader::new(endpoint, kept))
     }
 
     /// Asserts the liveliness of all writers with LIVELINESS MANUAL_BY_PARTICIPANT.
@@ -135,6 +136,13 @@ impl AsFd for RtpsSocket {
     }
 }
 
+fn new_guid(core: &mut Core, kind: EntityKind) -> Result<Guid, CreateError> {
+    if core.is_lost() {
+        return Err(CreateError::LayerLost);
+    }
+    core.new_guid(kind).ok_or(CreateError::TooManyEndpoints)
+}
+
 /// Refuses what no endpoint can be created with.
 fn check(topic: &str, type_name: &str, qos: &qos::Qos) -> Result<(), CreateError> {
     for name in [topic, type_name] {
@@ -145,12 +153,29 @@ fn check(topic: &str, type_name: &str, qos: &qos::Qos) -> Result<(), CreateError
     if qos.representation.contains(&DataRepresentation::Xml) {
         return Err(CreateError::UnsupportedRepresentation);
     }
+    check_size(topic, type_name, qos)?;
     match (qos.history, qos.resource_limits.max_samples_per_instance) {
         (History::KeepLast(0), _) => Err(CreateError::NoHistory),
         (History::KeepLast(depth), Some(limit)) if depth > limit => {
             Err(CreateError::InconsistentLimits { depth, limit })
         }
         _ => Ok(()),
+    }
+}
+
+/// Refuses what does not fit in one packet of the layer protocol.
+fn check_size(topic: &str, type_name: &str, qos: &qos::Qos) -> Result<(), CreateError> {
+    let declaration = ToLayer::Declare(Box::new(Endpoint {
+        // As long as any.
+        entity: EntityId::of_app(u8::MAX, u16::MAX, EntityKind::WriterNoKey),
+        topic: topic.to_owned(),
+        type_name: type_name.to_owned(),
+        qos: qos.clone(),
+    }));
+    let (size, limit) = (encode(&declaration).len(), MAX_PROTOCOL_MESSAGE);
+    match size > limit {
+        true => Err(CreateError::TooLarge { size, limit }),
+        false => Ok(()),
     }
 }
 
@@ -179,5 +204,17 @@ mod tests {
             check("T", "T", &limits),
             Err(CreateError::InconsistentLimits { depth: 9, limit: 3 })
         );
+        let much = Qos::default()
+            .user_data([1; 60_000])
+            .group_data([1; 60_000]);
+        let too_much = much.clone().topic_data([1; 20_000]).into_writer();
+        assert_eq!(check("T", "T", &much.into_writer()), Ok(()));
+        assert!(matches!(
+            check("T", "T", &too_much),
+            Err(CreateError::TooLarge {
+                limit: MAX_PROTOCOL_MESSAGE,
+                ..
+            })
+        ));
     }
 }

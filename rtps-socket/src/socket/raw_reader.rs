@@ -6,7 +6,7 @@ use std::task::{Context, Poll};
 use std::time::{Duration, Instant};
 
 use futures_core::Stream;
-use rtps_user::reader::{Sample, Selection};
+use rtps_user::reader::{InstanceOf, Sample, Selection};
 use rtps_user::wire::Guid;
 
 use super::endpoint::{EndpointHandle, deadline};
@@ -17,11 +17,16 @@ use crate::status::StatusEvent;
 /// A reader. Dropped, it is withdrawn.
 pub struct RawReader {
     endpoint: EndpointHandle,
+    /// The last to go: what it owns may be other endpoints, which take the lock that the reader is removed under.
+    _instance_of: Option<InstanceOf>,
 }
 
 impl RawReader {
-    pub(super) fn new(endpoint: EndpointHandle) -> Self {
-        Self { endpoint }
+    pub(super) fn new(endpoint: EndpointHandle, instance_of: Option<InstanceOf>) -> Self {
+        Self {
+            endpoint,
+            _instance_of: instance_of,
+        }
     }
 
     /// Takes up to `max` samples of a selection out of the reader, without waiting.
@@ -40,7 +45,8 @@ impl RawReader {
         })
     }
 
-    /// Takes the next sample, waiting for it up to `timeout`.
+    /// Takes the next sample, waiting for it up to `timeout`. A wait without end ends where the layer is lost, of
+    /// which [`StatusEvent::LayerLost`] tells.
     pub fn recv(&self, timeout: Duration) -> Option<Sample> {
         self.recv_until(deadline(timeout))
     }

@@ -77,11 +77,15 @@ impl RawWriter {
         };
         let shared = self.endpoint.shared();
         let written = shared.poll(|core, now| {
+            if core.is_lost() {
+                return Err(WriteError::LayerLost);
+            }
             core.note_write(now);
-            let writer = core.endpoints.writer_mut(self.endpoint.id())?;
-            Some(writer.write(now, change.clone()))
+            let writer = core.endpoints.writer_mut(self.endpoint.id());
+            let writer = writer.ok_or(WriteError::Closed)?;
+            Ok(writer.write(now, change.clone()))
         });
-        match written.ok_or(WriteError::Closed)? {
+        match written? {
             Err(writer::WriteError::HistoryFull) => self.send_when_there_is_room(change),
             written => written.map_err(WriteError::Refused),
         }
@@ -128,12 +132,15 @@ impl RawWriter {
             .endpoint
             .shared()
             .wait_until(deadline(timeout), |core, _| {
+                if core.is_lost() {
+                    return Some(Err(WaitError::LayerLost));
+                }
                 let writer = core.endpoints.writer(self.endpoint.id());
                 writer
                     .is_none_or(|writer| writer.all_acknowledged())
-                    .then_some(())
+                    .then_some(Ok(()))
             });
-        acknowledged.ok_or(WaitError::Unacknowledged)
+        acknowledged.unwrap_or(Err(WaitError::Unacknowledged))
     }
 
     /// Asserts that the writer is alive, where LIVELINESS is MANUAL_BY_TOPIC.

@@ -29,6 +29,11 @@ pub(crate) struct Epoll {
 pub(crate) struct Wakeups(u32);
 
 impl Wakeups {
+    /// Whether none is.
+    pub(crate) fn is_empty(self) -> bool {
+        self.0 == 0
+    }
+
     /// Whether this one is readable, or its other side hung up.
     pub(crate) fn contains(self, number: u8) -> bool {
         self.0 & (1 << number) != 0

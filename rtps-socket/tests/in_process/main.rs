@@ -2,6 +2,7 @@
 //! that no other test has.
 
 mod dcps;
+mod driving;
 mod event_loop;
 mod processes;
 mod support;

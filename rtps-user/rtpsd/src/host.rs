@@ -25,6 +25,9 @@ pub(crate) const RESUME_GRACE: Duration = Duration::from_secs(5);
 const DEFAULT_RING: u32 = 1 << 20;
 const SMALLEST_RING: u32 = 1 << 18;
 
+/// Ports below need privileges.
+const FIRST_UNPRIVILEGED_PORT: u16 = 1024;
+
 /// The longest name of an app, in bytes.
 const MAX_NAME: usize = 256;
 
@@ -141,7 +144,9 @@ impl Host {
         if hello.name.len() > MAX_NAME {
             return Err(format!("the app's name is longer than {MAX_NAME} bytes"));
         }
-        Ok(())
+        let mut owned = self.domains.iter().flat_map(DomainHost::port_configs);
+        let is_owned = owned.any(|(port, _)| port == hello.doorbell_port);
+        check_doorbell(hello.doorbell_port, is_owned)
     }
 
     fn position(&self, domain: u32) -> Result<usize, String> {
@@ -345,6 +350,18 @@ impl Host {
     }
 }
 
+/// The kernel sends datagrams on to the doorbell port: an app must not have them go to a service of this host, nor
+/// round and round to the layer's own ports.
+fn check_doorbell(port: u16, is_owned: bool) -> Result<(), String> {
+    let is_privileged = (1..FIRST_UNPRIVILEGED_PORT).contains(&port);
+    if is_privileged || is_owned {
+        return Err(format!(
+            "port {port} cannot be a doorbell: bind the app's socket to a port that the system chooses"
+        ));
+    }
+    Ok(())
+}
+
 /// The kernel takes powers of two that are whole pages.
 fn ring_size(wanted: u32, largest: u32) -> u32 {
     let wanted = if wanted == 0 { DEFAULT_RING } else { wanted };
@@ -359,6 +376,16 @@ fn ring_size(wanted: u32, largest: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn doorbells_are_ports_that_belong_to_nobody_else() {
+        assert_eq!(check_doorbell(0, false), Ok(()));
+        assert_eq!(check_doorbell(40_000, false), Ok(()));
+        assert_eq!(check_doorbell(1024, false), Ok(()));
+        for (port, is_owned) in [(1, false), (1023, false), (7411, true)] {
+            assert!(check_doorbell(port, is_owned).is_err());
+        }
+    }
 
     #[test]
     fn rings_are_powers_of_two_within_bounds() {

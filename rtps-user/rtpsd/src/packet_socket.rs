@@ -7,6 +7,7 @@ use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd, RawFd};
 use nix::errno::Errno;
 use nix::sys::socket::{ControlMessage, MsgFlags, recv, sendmsg};
 use rtps_user::layer::protocol::{FromLayer, MAX_PROTOCOL_MESSAGE, ToLayer};
+use tracing::warn;
 
 /// What may wait for an app that does not read, in packets and in bytes.
 const MAX_QUEUED_PACKETS: usize = 16 * 1024;
@@ -83,13 +84,18 @@ impl PacketSocket {
         }
     }
 
-    /// Sends a value, or queues it behind those that the app has not read yet.
+    /// Sends a value, or queues it behind those that the app has not read yet. One that is larger than the app takes
+    /// is dropped: what a remote participant announces must not part the app from the layer.
     pub(crate) fn send(
         &mut self,
         message: &FromLayer,
         descriptors: Vec<OwnedFd>,
     ) -> Result<(), SendFailure> {
         let bytes = postcard::to_stdvec(message).map_err(|_| SendFailure::Closed)?;
+        if bytes.len() > MAX_PROTOCOL_MESSAGE {
+            warn!(length = bytes.len(), "a message is too large for an app");
+            return Ok(());
+        }
         self.queued_bytes += bytes.len();
         self.queue.push_back(Packet { bytes, descriptors });
         self.flush()?;
@@ -109,6 +115,15 @@ impl PacketSocket {
         while let Some(packet) = self.queue.front() {
             match send_packet(self.socket.as_fd(), packet) {
                 Ok(()) => {
+                    self.queued_bytes -= packet.bytes.len();
+                    self.queue.pop_front();
+                }
+                // Larger than the socket's buffer, which the administrator has made small.
+                Err(Errno::EMSGSIZE) => {
+                    warn!(
+                        length = packet.bytes.len(),
+                        "a message is too large for a socket"
+                    );
                     self.queued_bytes -= packet.bytes.len();
                     self.queue.pop_front();
                 }
@@ -148,7 +163,8 @@ fn send_packet(socket: BorrowedFd<'_>, packet: &Packet) -> Result<(), Errno> {
 
 #[cfg(test)]
 mod tests {
-    use nix::sys::socket::{AddressFamily, SockFlag, SockType, send, socketpair};
+    use nix::sys::socket::sockopt::SndBuf;
+    use nix::sys::socket::{AddressFamily, SockFlag, SockType, send, setsockopt, socketpair};
     use rtps_user::wire::EntityId;
 
     use super::*;
@@ -198,6 +214,22 @@ mod tests {
         assert_eq!(ours.receive(&mut buffer), Incoming::Nothing);
         drop(theirs);
         assert_eq!(ours.receive(&mut buffer), Incoming::Closed);
+    }
+
+    #[test]
+    fn messages_that_are_too_large_are_dropped_and_others_are_sent() {
+        let (mut ours, theirs) = pair();
+        let refused = |length| FromLayer::Refused {
+            reason: "x".repeat(length),
+        };
+        setsockopt(&ours.socket, SndBuf, &(MAX_PROTOCOL_MESSAGE / 4)).unwrap();
+        for length in [MAX_PROTOCOL_MESSAGE, MAX_PROTOCOL_MESSAGE - 100, 10] {
+            assert_eq!(ours.send(&refused(length), vec![]), Ok(()));
+        }
+        assert!(!ours.is_waiting());
+        let mut buffer = vec![0; 2 * MAX_PROTOCOL_MESSAGE];
+        let length = recv(theirs.as_raw_fd(), &mut buffer, MsgFlags::empty()).unwrap();
+        assert_eq!(postcard::from_bytes(&buffer[..length]), Ok(refused(10)));
     }
 
     #[test]

@@ -88,7 +88,8 @@ impl RunFolder {
         Ok(file)
     }
 
-    /// The process id of the running rtpsd.
+    /// The process id of the running rtpsd. It must not ask itself: a process gives up its lock on a file when it
+    /// closes any descriptor of it.
     pub fn daemon(&self) -> Result<Option<Pid>> {
         match File::open(self.pid_file()) {
             Ok(file) => lock_holder(&file),

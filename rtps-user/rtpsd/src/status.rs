@@ -113,7 +113,8 @@ pub fn status() -> Result<Status> {
             if geteuid().is_root() {
                 netns::join_shared_mounts()?;
             }
-            status_of_pins(inode)
+            let rtpsd = run.daemon()?.map(nix::unistd::Pid::as_raw);
+            status_of_pins(inode, rtpsd)
         }
     }
 }
@@ -127,13 +128,12 @@ fn ask(mut stream: UnixStream) -> Result<Status> {
     serde_json::from_str(&answer).context("rtpsd is of another version; load the layer again")
 }
 
-/// What the pins tell without rtpsd, which takes root.
-fn status_of_pins(inode: u64) -> Result<Status> {
+/// What the pins tell, which takes root.
+fn status_of_pins(inode: u64, rtpsd: Option<i32>) -> Result<Status> {
     let folder = PinFolder::of_namespace(inode);
-    let run = RunFolder::of_namespace(inode);
     let mut status = Status {
         loaded: folder.exists(),
-        rtpsd: run.daemon()?.map(nix::unistd::Pid::as_raw),
+        rtpsd,
         network_namespace: inode,
         abi_version: ABI_VERSION,
         pins: folder.path().display().to_string(),
@@ -152,8 +152,7 @@ fn status_of_pins(inode: u64) -> Result<Status> {
 
 /// What the running rtpsd knows.
 pub(crate) fn status_of_daemon(inode: u64, host: &Host, apps: &Apps) -> Result<Status> {
-    let mut status = status_of_pins(inode)?;
-    status.rtpsd = i32::try_from(std::process::id()).ok();
+    let mut status = status_of_pins(inode, i32::try_from(std::process::id()).ok())?;
     let by_slot: BTreeMap<u8, _> = apps
         .attached()
         .map(|(connection, seat)| (seat.slot, (connection, seat)))

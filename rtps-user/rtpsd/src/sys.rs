@@ -106,18 +106,31 @@ pub(crate) fn interface_mtu(socket: BorrowedFd<'_>, name: &str) -> io::Result<u3
     u32::try_from(mtu).map_err(io::Error::other)
 }
 
-/// Takes over a descriptor whose number came on the command line; `None` when nothing is open under it.
+/// A copy of the descriptor whose number came on the command line, which may be that of standard output; `None` when
+/// nothing is open under it.
 pub(crate) fn inherited_fd(fd: RawFd) -> Option<OwnedFd> {
-    // SAFETY: F_GETFD only asks whether the descriptor is open.
-    if fd <= 2 || unsafe { libc::fcntl(fd, libc::F_GETFD) } < 0 {
-        return None;
-    }
-    // SAFETY: open, and by the option's contract passed to this process for this one use.
-    Some(unsafe { OwnedFd::from_raw_fd(fd) })
+    const ABOVE_STANDARD: RawFd = 3;
+    // SAFETY: takes numbers only, and refuses one under which nothing is open.
+    let copy = unsafe { libc::fcntl(fd, libc::F_DUPFD_CLOEXEC, ABOVE_STANDARD) };
+    // SAFETY: what is not negative is a new descriptor that nobody else owns.
+    (copy >= 0).then(|| unsafe { OwnedFd::from_raw_fd(copy) })
 }
 
 /// Owns a descriptor that `accept4` just returned, for which nix has a plain number only.
 pub(crate) fn accepted_fd(fd: RawFd) -> OwnedFd {
     // SAFETY: `accept4` made it for its caller, who passes it on here and nowhere else.
     unsafe { OwnedFd::from_raw_fd(fd) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn standard_output_can_be_told_and_a_closed_descriptor_is_none() {
+        let copy = inherited_fd(1).unwrap();
+        assert!(copy.as_raw_fd() > 2);
+        assert!(inherited_fd(-1).is_none());
+        assert!(inherited_fd(RawFd::MAX).is_none());
+    }
 }

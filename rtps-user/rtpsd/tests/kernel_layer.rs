@@ -138,6 +138,8 @@ fn unload_ends_a_running_and_a_stopped_rtpsd() {
 fn a_second_rtpsd_is_refused() {
     let Some(netns) = Netns::new() else { return };
     let first = Rtpsd::start(&netns, &[]);
+    // It is still the one after it was asked for its status.
+    assert!(netns.status().loaded);
     let second = Rtpsd::command(&netns, &[]).output().unwrap();
     assert!(!second.status.success());
     let log = String::from_utf8_lossy(&second.stderr);

@@ -150,6 +150,7 @@ fn remote(participant: &RemoteParticipant, entity: EntityId) -> RemoteEndpoint {
     RemoteEndpoint {
         guid: Guid::new(participant.data.prefix, entity),
         unicast: participant.metatraffic.clone(),
+        addresses: participant.addresses().to_vec(),
         multicast: Vec::new(),
         expects_inline_qos: false,
         qos,

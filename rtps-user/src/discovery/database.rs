@@ -2,11 +2,12 @@
 //!
 //! Anyone on the network can claim to be any number of participants. Therefore a participant first counts as
 //! unproven; who answers our discovery traffic is proven. A full table makes room for a new participant only by
-//! forgetting the oldest unproven one, so that a flood of inventions never pushes out a real one. And who is known
-//! by one address is not changed or removed by a datagram from another.
+//! forgetting the oldest unproven one, so that a flood of inventions never pushes out a real one. An unproven one is
+//! sent to at no other address than its announcement came from, and is soon forgotten unless it goes on. And who is
+//! known by some addresses is not listened to at others.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::net::{IpAddr, SocketAddr};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use std::time::{Duration, Instant};
 
 use super::lease::{Lease, LeaseQueue};
@@ -15,18 +16,22 @@ use super::{DiscoveryLimits, EndpointData, ParticipantData};
 use crate::RemoteEndpoint;
 use crate::wire::{EntityId, Guid, GuidPrefix};
 
+/// The longest lease of an unproven participant: who answers does so within seconds.
+const UNPROVEN_LEASE: Duration = Duration::from_secs(30);
+
 /// A remote participant.
 #[derive(Debug)]
 pub struct RemoteParticipant {
     /// What it says of itself.
     pub data: ParticipantData,
-    /// Where discovery traffic for it goes, best first.
+    /// Where discovery traffic for it goes.
     pub metatraffic: Vec<SocketAddr>,
     /// Where its endpoints receive that say nothing else, best first.
     pub user: Vec<SocketAddr>,
     /// What its endpoints say of themselves.
     pub endpoints: BTreeMap<EntityId, EndpointData>,
     source: IpAddr,
+    addresses: Vec<IpAddr>,
     proven: bool,
     lease: Lease,
     /// Its place in the order of discovery.
@@ -44,6 +49,11 @@ impl RemoteParticipant {
         self.proven
     }
 
+    /// Where its datagrams may come from.
+    pub fn addresses(&self) -> &[IpAddr] {
+        &self.addresses
+    }
+
     /// The lease that it asks for; `None` for ever.
     pub fn lease(&self) -> Option<Duration> {
         self.data.lease.to_std()
@@ -51,17 +61,40 @@ impl RemoteParticipant {
 
     /// Whether datagrams that come from there may be its own.
     fn owns(&self, source: IpAddr) -> bool {
-        self.source == source
-            || [&self.data.metatraffic_unicast, &self.data.default_unicast]
-                .into_iter()
-                .flatten()
-                .any(|address| address.ip() == source)
+        self.addresses.contains(&source)
+    }
+
+    /// Takes in what it announces from `source`, on a host with the addresses `own`.
+    fn update(&mut self, source: IpAddr, own: &[IpAddr], data: ParticipantData) {
+        self.source = source;
+        self.data = data;
+        self.settle(own);
+    }
+
+    /// Derives its addresses.
+    fn settle(&mut self, own: &[IpAddr]) {
+        self.metatraffic = answerable(&self.data.metatraffic_unicast, self.source);
+        self.user = self.destinations(&self.data.default_unicast);
+        self.addresses = origins(&self.data, self.source, own);
+    }
+
+    /// Where its endpoints are reached that announce these addresses.
+    fn destinations(&self, addresses: &[SocketAddr]) -> Vec<SocketAddr> {
+        if self.proven {
+            reachable(addresses, self.source)
+        } else {
+            answerable(addresses, self.source)
+        }
     }
 
     /// What a local endpoint needs to know of one of its endpoints.
     pub fn endpoint(&self, entity: EntityId) -> Option<RemoteEndpoint> {
         let data = self.endpoints.get(&entity)?;
-        let own = reachable(&data.unicast, self.source);
+        let own = self.destinations(&data.unicast);
+        let mut addresses = self.addresses.clone();
+        addresses.extend(data.unicast.iter().map(SocketAddr::ip));
+        addresses.sort();
+        addresses.dedup();
         Some(RemoteEndpoint {
             guid: data.guid,
             unicast: if own.is_empty() {
@@ -69,6 +102,7 @@ impl RemoteParticipant {
             } else {
                 own
             },
+            addresses,
             multicast: data.multicast.clone(),
             expects_inline_qos: data.expects_inline_qos || self.data.expects_inline_qos,
             qos: data.qos.clone(),
@@ -89,14 +123,14 @@ pub(super) enum Announced {
     Unchanged,
     /// The table is full.
     NoRoom,
-    /// It came from elsewhere than the known participant.
-    Foreign,
 }
 
 /// The tables.
 #[derive(Debug)]
 pub(super) struct Database {
     limits: DiscoveryLimits,
+    /// The addresses of this host.
+    own: Vec<IpAddr>,
     participants: BTreeMap<GuidPrefix, RemoteParticipant>,
     leases: LeaseQueue,
     /// Unproven participants in the order of their discovery.
@@ -106,10 +140,11 @@ pub(super) struct Database {
 }
 
 impl Database {
-    /// Empty tables.
-    pub(super) fn new(limits: DiscoveryLimits) -> Self {
+    /// Empty tables, on a host with the addresses `own`.
+    pub(super) fn new(limits: DiscoveryLimits, own: Vec<IpAddr>) -> Self {
         Self {
             limits,
+            own,
             participants: BTreeMap::new(),
             leases: LeaseQueue::default(),
             unproven: BTreeSet::new(),
@@ -128,7 +163,21 @@ impl Database {
         self.participants.values()
     }
 
-    /// Notes an announcement that came from `source`. An evicted participant is still there, for the caller to
+    /// This host has other addresses than before, and so have the participants on it, which are returned.
+    pub(super) fn set_own(&mut self, own: Vec<IpAddr>) -> Vec<GuidPrefix> {
+        self.own = own;
+        let mut changed = Vec::new();
+        for (prefix, participant) in &mut self.participants {
+            let addresses = origins(&participant.data, participant.source, &self.own);
+            if participant.addresses != addresses {
+                participant.addresses = addresses;
+                changed.push(*prefix);
+            }
+        }
+        changed
+    }
+
+    /// Notes an announcement that came from `source`, an address of the participant where it is known. An evicted participant is still there, for the caller to
     /// remove with all that hangs on it.
     pub(super) fn announce(
         &mut self,
@@ -139,19 +188,16 @@ impl Database {
         let Some(known) = self.participants.get_mut(&data.prefix) else {
             return self.announce_new(now, source, data);
         };
-        if !known.owns(source) {
-            return Announced::Foreign;
-        }
         known.lease.renew(now);
         if known.data == data {
             return Announced::Unchanged;
         }
-        self.leases.revoke(data.prefix, &known.lease);
-        known.lease = self.leases.grant(now, data.prefix, data.lease.to_std());
-        known.source = source;
-        known.metatraffic = reachable(&data.metatraffic_unicast, source);
-        known.user = reachable(&data.default_unicast, source);
-        known.data = data;
+        let prefix = data.prefix;
+        known.update(source, &self.own, data);
+        self.leases.revoke(prefix, &known.lease);
+        known.lease = self
+            .leases
+            .grant(now, prefix, patience(&known.data, known.proven));
         Announced::Changed
     }
 
@@ -181,23 +227,25 @@ impl Database {
         if !proven {
             self.unproven.insert((number, prefix));
         }
-        let participant = RemoteParticipant {
-            metatraffic: reachable(&data.metatraffic_unicast, source),
-            user: reachable(&data.default_unicast, source),
+        let mut participant = RemoteParticipant {
+            metatraffic: Vec::new(),
+            user: Vec::new(),
             endpoints: BTreeMap::new(),
             source,
+            addresses: Vec::new(),
             proven,
-            lease: self.leases.grant(now, prefix, data.lease.to_std()),
+            lease: self.leases.grant(now, prefix, patience(&data, proven)),
             number,
             data,
         };
+        participant.settle(&self.own);
         self.participants.insert(prefix, participant);
     }
 
-    /// Whether a datagram from there may speak for the participant.
-    pub(super) fn owns(&self, prefix: GuidPrefix, source: IpAddr) -> bool {
+    /// Whether a datagram from there does not come from the participant that it names, as far as that is known.
+    pub(super) fn is_foreign(&self, prefix: GuidPrefix, source: IpAddr) -> bool {
         self.get(prefix)
-            .is_some_and(|participant| participant.owns(source))
+            .is_some_and(|participant| !participant.owns(source))
     }
 
     /// A sign of life.
@@ -208,10 +256,15 @@ impl Database {
     }
 
     /// The participant has answered our discovery traffic; tells whether that is new.
-    pub(super) fn prove(&mut self, prefix: GuidPrefix) -> bool {
+    pub(super) fn prove(&mut self, now: Instant, prefix: GuidPrefix) -> bool {
         match self.participants.get_mut(&prefix) {
             Some(participant) if !participant.proven => {
                 participant.proven = true;
+                participant.settle(&self.own);
+                self.leases.revoke(prefix, &participant.lease);
+                participant.lease =
+                    self.leases
+                        .grant(now, prefix, patience(&participant.data, participant.proven));
                 self.unproven.remove(&(participant.number, prefix))
             }
             _ => false,
@@ -271,18 +324,59 @@ impl Database {
     }
 }
 
+/// How long a participant is remembered without a sign of life; `None` for ever.
+fn patience(data: &ParticipantData, proven: bool) -> Option<Duration> {
+    let lease = data.lease.to_std();
+    if proven {
+        lease
+    } else {
+        Some(lease.map_or(UNPROVEN_LEASE, |lease| lease.min(UNPROVEN_LEASE)))
+    }
+}
+
+/// Where datagrams of a participant may come from: a host with several addresses may use any of them. On this host
+/// that is any of ours, which nobody else can send from.
+fn origins(data: &ParticipantData, source: IpAddr, own: &[IpAddr]) -> Vec<IpAddr> {
+    let announced = data.metatraffic_unicast.iter().chain(&data.default_unicast);
+    let mut origins: Vec<_> = announced.map(SocketAddr::ip).collect();
+    origins.push(source);
+    if source.is_loopback() || own.contains(&source) {
+        origins.extend(own);
+        origins.extend([
+            IpAddr::from(Ipv4Addr::LOCALHOST),
+            Ipv6Addr::LOCALHOST.into(),
+        ]);
+    }
+    origins.sort();
+    origins.dedup();
+    origins
+}
+
+/// Where discovery traffic for a participant goes, and all else as long as it is unproven: to the address that its datagrams come from and nowhere else, for
+/// an invented announcement must not make us send to somebody who has never heard of us.
+fn answerable(addresses: &[SocketAddr], source: IpAddr) -> Vec<SocketAddr> {
+    let mut answerable = reachable(addresses, source);
+    answerable.truncate(1);
+    if let Some(address) = answerable.first_mut() {
+        address.set_ip(source);
+    }
+    answerable
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const SOURCE: IpAddr = IpAddr::V4(std::net::Ipv4Addr::new(10, 0, 0, 1));
-    const ELSEWHERE: IpAddr = IpAddr::V4(std::net::Ipv4Addr::new(10, 6, 6, 6));
+    const SOURCE: IpAddr = IpAddr::V4(Ipv4Addr::new(10, 0, 0, 1));
+    const OWN: IpAddr = IpAddr::V4(Ipv4Addr::new(10, 0, 0, 99));
+    const ELSEWHERE: IpAddr = IpAddr::V4(Ipv4Addr::new(10, 6, 6, 6));
 
     fn database(participants: usize) -> Database {
-        Database::new(DiscoveryLimits {
+        let limits = DiscoveryLimits {
             participants,
             ..DiscoveryLimits::default()
-        })
+        };
+        Database::new(limits, vec![OWN])
     }
 
     fn data(number: u8) -> ParticipantData {
@@ -296,7 +390,7 @@ mod tests {
         for number in [1, 2] {
             database.announce(now, SOURCE, data(number));
         }
-        assert!(database.prove(GuidPrefix([1; 12])));
+        assert!(database.prove(now, GuidPrefix([1; 12])));
         let mut evictions = Vec::new();
         for number in 3..=9 {
             match database.announce(now, ELSEWHERE, data(number)) {
@@ -309,7 +403,7 @@ mod tests {
         }
         assert_eq!(evictions, [2, 3, 4, 5, 6, 7]);
         for number in [8, 9] {
-            database.prove(GuidPrefix([number; 12]));
+            database.prove(now, GuidPrefix([number; 12]));
         }
         assert_eq!(
             database.announce(now, ELSEWHERE, data(10)),
@@ -325,29 +419,54 @@ mod tests {
         let mut announced = data(1);
         let second_interface = IpAddr::from([10, 0, 1, 1]);
         announced.metatraffic_unicast = vec![SocketAddr::new(second_interface, 7410)];
-        database.announce(now, SOURCE, announced.clone());
-        assert_eq!(
-            database.announce(now, second_interface, announced.clone()),
-            Announced::Unchanged
-        );
-        announced.name = "changed".to_owned();
-        assert_eq!(
-            database.announce(now, ELSEWHERE, announced.clone()),
-            Announced::Foreign
-        );
-        assert_eq!(
-            database.announce(now, SOURCE, announced),
-            Announced::Changed
-        );
+        let prefix = announced.prefix;
+        database.announce(now, SOURCE, announced);
+        assert!(!database.is_foreign(prefix, SOURCE));
+        assert!(!database.is_foreign(prefix, second_interface));
+        for other in [ELSEWHERE, OWN, Ipv4Addr::LOCALHOST.into()] {
+            assert!(database.is_foreign(prefix, other));
+        }
+        assert!(!database.is_foreign(GuidPrefix([2; 12]), ELSEWHERE));
+    }
+
+    #[test]
+    fn a_participant_on_this_host_may_use_all_of_its_addresses() {
+        let mut database = database(3);
+        database.announce(Instant::now(), OWN, data(1));
+        let prefix = GuidPrefix([1; 12]);
+        assert!(!database.is_foreign(prefix, Ipv4Addr::LOCALHOST.into()));
+        let another = IpAddr::from([10, 0, 1, 99]);
+        assert!(database.is_foreign(prefix, another));
+        assert_eq!(database.set_own(vec![OWN, another]), [prefix]);
+        assert!(!database.is_foreign(prefix, another));
+    }
+
+    #[test]
+    fn the_unproven_are_sent_to_where_they_are_and_soon_forgotten() {
+        let now = Instant::now();
+        let mut database = database(3);
+        let mut announced = data(1);
+        announced.lease = crate::wire::Duration::INFINITE;
+        let elsewhere = SocketAddr::new(ELSEWHERE, 7411);
+        announced.default_unicast = vec![elsewhere];
+        let prefix = announced.prefix;
+        database.announce(now, SOURCE, announced);
+        let user = |database: &Database| database.get(prefix).map(|known| known.user.clone());
+        assert_eq!(user(&database), Some(vec![SocketAddr::new(SOURCE, 7411)]));
+        assert_eq!(database.poll_timeout(), Some(now + UNPROVEN_LEASE));
+        assert!(database.prove(now, prefix));
+        assert_eq!(user(&database), Some(vec![elsewhere]));
+        assert_eq!(database.poll_timeout(), None);
     }
 
     #[test]
     fn endpoints_are_bounded() {
-        let mut database = Database::new(DiscoveryLimits {
+        let limits = DiscoveryLimits {
             participants: 9,
             endpoints_per_participant: 2,
             endpoints: 3,
-        });
+        };
+        let mut database = Database::new(limits, vec![OWN]);
         let insert = |database: &mut Database, participant, entity| {
             database.insert_endpoint(EndpointData {
                 guid: Guid::new(GuidPrefix([participant; 12]), EntityId([1, 0, entity, 2])),

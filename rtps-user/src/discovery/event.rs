@@ -62,6 +62,6 @@ pub struct Refused {
     pub endpoints: u64,
     /// Discovery samples that could not be read.
     pub malformed: u64,
-    /// Announcements that came from an address that is not their participant's.
+    /// Submessages that came from an address that is not their participant's.
     pub foreign: u64,
 }

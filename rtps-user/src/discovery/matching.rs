@@ -214,6 +214,7 @@ mod tests {
         RemoteEndpoint {
             guid,
             unicast: Vec::new(),
+            addresses: Vec::new(),
             multicast: Vec::new(),
             expects_inline_qos: false,
             qos: Qos::default(),

@@ -24,7 +24,7 @@ mod sedp;
 mod spdp;
 
 use std::collections::VecDeque;
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::time::{Duration, Instant};
 
 pub use config::{DiscoveryConfig, DiscoveryLimits};
@@ -64,7 +64,7 @@ impl Discovery {
     pub fn new(config: DiscoveryConfig, now: Instant) -> Self {
         Self {
             start: now,
-            database: Database::new(config.limits),
+            database: Database::new(config.limits, addresses(&config.participant)),
             endpoints: builtin::endpoints(&config),
             announcer: Announcer::new(&config, now),
             withdrawals: Withdrawals::default(),
@@ -93,6 +93,13 @@ impl Discovery {
     /// What we announce of ourselves has changed.
     pub fn set_participant(&mut self, now: Instant, participant: ParticipantData) {
         self.announcer.change(now, &participant);
+        for prefix in self.database.set_own(addresses(&participant)) {
+            self.match_participant(now, prefix);
+            self.events.push_back(DiscoveryEvent::ParticipantFound {
+                prefix,
+                is_new: false,
+            });
+        }
         self.config.participant = participant;
     }
 
@@ -229,6 +236,15 @@ impl Discovery {
             });
         }
     }
+}
+
+/// The addresses of our host.
+fn addresses(participant: &ParticipantData) -> Vec<IpAddr> {
+    let unicast = [
+        &participant.metatraffic_unicast,
+        &participant.default_unicast,
+    ];
+    unicast.into_iter().flatten().map(SocketAddr::ip).collect()
 }
 
 /// The addresses of participants that an announcement to the group does not reach: that would end their lease on us.

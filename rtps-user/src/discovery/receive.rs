@@ -28,9 +28,16 @@ impl Discovery {
         if prefix == self.prefix() {
             return Ok(());
         }
-        self.database.renew(now, prefix);
+        if !self.database.is_foreign(prefix, source.ip()) {
+            self.database.renew(now, prefix);
+        }
         for received in receiver.map_while(Result::ok) {
-            self.handle_submessage(now, source, &received);
+            // The built-in endpoints refuse the same.
+            if self.database.is_foreign(received.source, source.ip()) {
+                self.refused.foreign += 1;
+            } else {
+                self.handle_submessage(now, source, &received);
+            }
         }
         let result = self.endpoints.handle_datagram(now, source, datagram);
         self.collect(now);
@@ -43,7 +50,7 @@ impl Discovery {
             Submessage::Data(data) if data.writer == EntityId::SPDP_WRITER => {
                 match read_spdp(from, &data) {
                     Ok(SpdpSample::Alive(data)) => self.handle_announcement(now, source, *data),
-                    Ok(SpdpSample::Gone(prefix)) => self.handle_farewell(now, source, prefix),
+                    Ok(SpdpSample::Gone(prefix)) => self.remove_participant(now, prefix),
                     Err(error) => self.refuse_malformed(from, error),
                 }
                 return;
@@ -53,9 +60,9 @@ impl Discovery {
             Submessage::AckNack(acknack) => acknack.reader,
             _ => return,
         };
-        // Who takes part in the reliable protocol has found us: it is no mere invention.
-        let may_prove = sender.is_builtin() && self.database.owns(from, source.ip());
-        if may_prove && self.database.prove(from) {
+        // Who takes part in the reliable protocol and names us has got something from us: it is no mere invention.
+        let may_prove = sender.is_builtin() && received.is_directed;
+        if may_prove && self.database.prove(now, from) {
             self.events.push_back(DiscoveryEvent::ParticipantFound {
                 prefix: from,
                 is_new: false,
@@ -87,10 +94,6 @@ impl Discovery {
                 self.refused.participants += 1;
                 return;
             }
-            Announced::Foreign => {
-                self.refused.foreign += 1;
-                return;
-            }
             Announced::Changed => false,
             Announced::New { evicted } => {
                 if let Some(evicted) = evicted {
@@ -108,14 +111,6 @@ impl Discovery {
         self.match_participant(now, prefix);
         self.events
             .push_back(DiscoveryEvent::ParticipantFound { prefix, is_new });
-    }
-
-    fn handle_farewell(&mut self, now: Instant, source: SocketAddr, prefix: GuidPrefix) {
-        if self.database.owns(prefix, source.ip()) {
-            self.remove_participant(now, prefix);
-        } else if self.database.get(prefix).is_some() {
-            self.refused.foreign += 1;
-        }
     }
 
     /// Takes what the built-in endpoints have.

@@ -3,7 +3,7 @@
 //! By entity id where the submessage names one; a submessage of a writer that names no reader is for every reader
 //! that is matched with the writer.
 
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::time::Instant;
 
 use super::Endpoints;
@@ -26,51 +26,57 @@ impl Endpoints {
             let received = received.inspect_err(
                 |error| tracing::debug!(%source, %error, "rest of a message dropped"),
             )?;
-            self.dispatch(now, &received);
+            self.dispatch(now, source.ip(), &received);
         }
         Ok(())
     }
 
-    fn dispatch(&mut self, now: Instant, received: &Received<'_>) {
+    fn dispatch(&mut self, now: Instant, source: IpAddr, received: &Received<'_>) {
         let guid = |entity| Guid::new(received.source, entity);
         let timestamp = received.timestamp;
         match &received.submessage {
             Submessage::Data(data) => {
                 let writer = guid(data.writer);
-                self.with_readers(writer, data.reader, |reader| {
+                self.with_readers(source, writer, data.reader, |reader| {
                     reader.handle_data(now, writer, timestamp, data);
                 });
             }
             Submessage::DataFrag(data) => {
                 let writer = guid(data.writer);
-                self.with_readers(writer, data.reader, |reader| {
+                self.with_readers(source, writer, data.reader, |reader| {
                     reader.handle_data_frag(now, writer, timestamp, data);
                 });
             }
             Submessage::Gap(gap) => {
                 let writer = guid(gap.writer);
-                self.with_readers(writer, gap.reader, |reader| {
+                self.with_readers(source, writer, gap.reader, |reader| {
                     reader.handle_gap(now, writer, gap);
                 });
             }
             Submessage::Heartbeat(heartbeat) => {
                 let writer = guid(heartbeat.writer);
-                self.with_readers(writer, heartbeat.reader, |reader| {
+                self.with_readers(source, writer, heartbeat.reader, |reader| {
                     reader.handle_heartbeat(now, writer, heartbeat);
                 });
             }
             Submessage::HeartbeatFrag(heartbeat) => {
                 let writer = guid(heartbeat.writer);
-                self.with_readers(writer, heartbeat.reader, |reader| {
+                self.with_readers(source, writer, heartbeat.reader, |reader| {
                     reader.handle_heartbeat_frag(now, writer, heartbeat);
                 });
             }
-            Submessage::AckNack(acknack) => self.with_writer(acknack.writer, |writer| {
-                writer.handle_acknack(now, guid(acknack.reader), acknack);
-            }),
-            Submessage::NackFrag(nack) => self.with_writer(nack.writer, |writer| {
-                writer.handle_nack_frag(now, guid(nack.reader), nack);
-            }),
+            Submessage::AckNack(acknack) => {
+                let reader = guid(acknack.reader);
+                self.with_writer(source, reader, acknack.writer, |writer| {
+                    writer.handle_acknack(now, reader, acknack);
+                });
+            }
+            Submessage::NackFrag(nack) => {
+                let reader = guid(nack.reader);
+                self.with_writer(source, reader, nack.writer, |writer| {
+                    writer.handle_nack_frag(now, reader, nack);
+                });
+            }
             // What the receiver has dealt with, or skips.
             Submessage::InfoDestination(_)
             | Submessage::InfoSource(_)
@@ -79,16 +85,41 @@ impl Endpoints {
         }
     }
 
-    fn with_writer(&mut self, id: EntityId, act: impl FnOnce(&mut Writer)) {
+    fn with_writer(
+        &mut self,
+        source: IpAddr,
+        reader: Guid,
+        id: EntityId,
+        act: impl FnOnce(&mut Writer),
+    ) {
+        let Some(matched) = self.matched.get_mut(&reader) else {
+            return;
+        };
+        if !matched.accepts(source) {
+            self.foreign += 1;
+            return;
+        }
         if let Some(writer) = self.writer_mut(id) {
             act(writer);
         }
     }
 
-    fn with_readers(&mut self, writer: Guid, id: EntityId, mut act: impl FnMut(&mut Reader)) {
-        let matched = self.matched.get(&writer).map_or(&[][..], Vec::as_slice);
+    fn with_readers(
+        &mut self,
+        source: IpAddr,
+        writer: Guid,
+        id: EntityId,
+        mut act: impl FnMut(&mut Reader),
+    ) {
+        let Some(matched) = self.matched.get_mut(&writer) else {
+            return;
+        };
+        if !matched.accepts(source) {
+            self.foreign += 1;
+            return;
+        }
         let concerned = if id == EntityId::UNKNOWN {
-            matched
+            matched.locals()
         } else {
             std::slice::from_ref(&id)
         };

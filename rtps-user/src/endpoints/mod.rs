@@ -8,16 +8,19 @@
 mod dispatch;
 mod endpoint;
 mod event;
+mod matched;
 mod schedule;
 #[cfg(test)]
 mod tests;
 
 pub use event::EndpointEvent;
 
+use std::collections::hash_map::Entry;
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::time::Instant;
 
 use endpoint::{Endpoint, Scheduled};
+use matched::Match;
 use schedule::{Mark, Schedule};
 
 use crate::reader::{Reader, ReaderConfig};
@@ -30,8 +33,9 @@ use crate::{RemoteEndpoint, Transmit};
 pub struct Endpoints {
     prefix: GuidPrefix,
     endpoints: BTreeMap<EntityId, Scheduled>,
-    /// The readers that are matched with each remote writer.
-    matched: HashMap<Guid, Vec<EntityId>>,
+    /// Each matched remote endpoint.
+    matched: HashMap<Guid, Match>,
+    foreign: u64,
     schedule: Schedule,
     events: VecDeque<EndpointEvent>,
 }
@@ -43,6 +47,7 @@ impl Endpoints {
             prefix,
             endpoints: BTreeMap::new(),
             matched: HashMap::new(),
+            foreign: 0,
             schedule: Schedule::default(),
             events: VecDeque::new(),
         }
@@ -51,6 +56,11 @@ impl Endpoints {
     /// The participant that the endpoints belong to.
     pub fn prefix(&self) -> GuidPrefix {
         self.prefix
+    }
+
+    /// How many submessages were not taken because they came from an address that is not their sender's.
+    pub fn foreign(&self) -> u64 {
+        self.foreign
     }
 
     /// Adds a writer; one with the same id is replaced.
@@ -71,10 +81,12 @@ impl Endpoints {
             return;
         };
         self.schedule.forget(id, &mut scheduled.mark);
-        if let Endpoint::Reader(reader) = scheduled.endpoint {
-            for writer in reader.matched_writers() {
-                forget_match(&mut self.matched, writer, id);
-            }
+        let remotes: Vec<Guid> = match &scheduled.endpoint {
+            Endpoint::Writer(writer) => writer.matched_readers().collect(),
+            Endpoint::Reader(reader) => reader.matched_writers().collect(),
+        };
+        for remote in remotes {
+            self.forget_match(remote, id);
         }
     }
 
@@ -102,27 +114,21 @@ impl Endpoints {
     pub fn match_remote(&mut self, now: Instant, local: EntityId, remote: &RemoteEndpoint) {
         match self.touched(local) {
             Some(Endpoint::Writer(writer)) => writer.match_reader(now, remote),
-            Some(Endpoint::Reader(reader)) => {
-                reader.match_writer(now, remote);
-                let readers = self.matched.entry(remote.guid).or_default();
-                if !readers.contains(&local) {
-                    readers.push(local);
-                }
-            }
-            None => {}
+            Some(Endpoint::Reader(reader)) => reader.match_writer(now, remote),
+            None => return,
         }
+        let matched = self.matched.entry(remote.guid).or_default();
+        matched.insert(local, &remote.addresses);
     }
 
     /// Ends a match.
     pub fn unmatch(&mut self, now: Instant, local: EntityId, remote: Guid) {
         match self.touched(local) {
             Some(Endpoint::Writer(writer)) => writer.unmatch_reader(remote),
-            Some(Endpoint::Reader(reader)) => {
-                reader.unmatch_writer(now, remote);
-                forget_match(&mut self.matched, remote, local);
-            }
-            None => {}
+            Some(Endpoint::Reader(reader)) => reader.unmatch_writer(now, remote),
+            None => return,
         }
+        self.forget_match(remote, local);
     }
 
     /// A participant asserted the liveliness of its MANUAL_BY_PARTICIPANT or AUTOMATIC writers (RTPS 8.4.13).
@@ -213,13 +219,12 @@ impl Endpoints {
             self.schedule.arm(id, &mut scheduled.mark, deadline);
         }
     }
-}
 
-fn forget_match(matched: &mut HashMap<Guid, Vec<EntityId>>, writer: Guid, reader: EntityId) {
-    if let Some(readers) = matched.get_mut(&writer) {
-        readers.retain(|id| *id != reader);
-        if readers.is_empty() {
-            matched.remove(&writer);
+    fn forget_match(&mut self, remote: Guid, local: EntityId) {
+        if let Entry::Occupied(mut matched) = self.matched.entry(remote)
+            && matched.get_mut().remove(local)
+        {
+            matched.remove();
         }
     }
 }

@@ -27,6 +27,7 @@ fn remote(guid: Guid) -> RemoteEndpoint {
     RemoteEndpoint {
         guid,
         unicast: vec![ADDRESS],
+        addresses: Vec::new(),
         multicast: Vec::new(),
         expects_inline_qos: false,
         qos: qos(),
@@ -183,4 +184,60 @@ fn timers_run_for_whoever_has_set_them() {
     assert!(apps.writing.poll_timeout() > Some(due));
     apps.writing.remove(apps.writer.entity);
     assert_eq!(apps.writing.poll_timeout(), None);
+}
+
+#[test]
+fn what_comes_from_elsewhere_is_refused_and_counted() {
+    let mut apps = Apps::new();
+    let second_interface = SocketAddr::from(([10, 0, 1, 1], 7411));
+    let elsewhere = SocketAddr::from(([10, 6, 6, 6], 7411));
+    let addresses = vec![ADDRESS.ip(), second_interface.ip()];
+    let mut writer = remote(apps.writer);
+    writer.addresses.clone_from(&addresses);
+    apps.reading
+        .match_remote(apps.now, apps.readers[0], &writer);
+    let mut reader = remote(Guid::new(apps.reading.prefix(), apps.readers[0]));
+    reader.addresses = addresses;
+    apps.writing
+        .match_remote(apps.now, apps.writer.entity, &reader);
+
+    apps.write();
+    let deliver = |apps: &mut Apps, from, datagram: &[u8]| {
+        apps.reading
+            .handle_datagram(apps.now, from, datagram)
+            .unwrap();
+        apps.taken()
+    };
+    let data = apps.written().remove(0);
+    assert_eq!(deliver(&mut apps, elsewhere, &data), [0, 0, 0]);
+    assert_eq!(apps.reading.foreign(), 1);
+    assert_eq!(deliver(&mut apps, second_interface, &data), [1, 1, 0]);
+    assert_eq!(apps.reading.foreign(), 1);
+
+    apps.reading.unmatch(apps.now, apps.readers[1], apps.writer);
+    apps.writing.unmatch(
+        apps.now,
+        apps.writer.entity,
+        Guid::new(apps.reading.prefix(), apps.readers[1]),
+    );
+    let mut acknack = Vec::new();
+    apps.now += Duration::from_secs(1);
+    apps.writing.handle_timeout(apps.now);
+    for heartbeat in apps.written() {
+        apps.deliver(&heartbeat).unwrap();
+    }
+    assert!(apps.reading.poll_transmit(apps.now, &mut acknack).is_some());
+    let is_acknowledged = |apps: &Apps| {
+        let writer = apps.writing.writer(apps.writer.entity);
+        writer.is_some_and(Writer::all_acknowledged)
+    };
+    apps.writing
+        .handle_datagram(apps.now, elsewhere, &acknack)
+        .unwrap();
+    assert!(!is_acknowledged(&apps));
+    assert_eq!(apps.writing.foreign(), 1);
+    apps.writing
+        .handle_datagram(apps.now, second_interface, &acknack)
+        .unwrap();
+    assert!(is_acknowledged(&apps));
 }

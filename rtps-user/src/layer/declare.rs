@@ -156,6 +156,7 @@ impl Layer {
         let changes = self.matchmaker.insert(RemoteEndpoint {
             guid: Guid::new(self.config.prefix, endpoint.entity),
             unicast: vec![self.config.loopback],
+            addresses: Vec::new(),
             multicast: Vec::new(),
             expects_inline_qos: false,
             qos: endpoint.qos.clone(),

@@ -4,12 +4,16 @@ use std::collections::BTreeSet;
 
 use rtps_ebpf::SlotSet;
 
-use super::protocol::FromLayer;
+use super::protocol::{FromLayer, MAX_PROTOCOL_MESSAGE};
 use super::store::{Record, StoreKey};
 use super::{KernelChange, Layer};
 use crate::RemoteEndpoint;
 use crate::discovery::{DiscoveryEvent, MatchChange, Outcome};
 use crate::wire::{EntityId, Guid, GuidPrefix, SequenceNumber};
+
+/// How much of USER_DATA, TOPIC_DATA and GROUP_DATA a message to an app has room for beside names and partitions,
+/// which are parameters and no longer than 64 KiB each.
+const MAX_DATA: usize = MAX_PROTOCOL_MESSAGE / 8;
 
 impl Layer {
     /// Acts on all that discovery has to tell.
@@ -80,10 +84,7 @@ impl Layer {
         let message = match change.now {
             None => return,
             Some(Outcome::Matched) => match self.matchmaker.endpoint(remote) {
-                Some(endpoint) => FromLayer::Matched {
-                    local,
-                    remote: Box::new(endpoint.clone()),
-                },
+                Some(endpoint) => matched(local, endpoint.clone()),
                 None => return,
             },
             Some(Outcome::Incompatible(policy)) => FromLayer::IncompatibleQos {
@@ -187,5 +188,21 @@ impl Layer {
         } else {
             self.store(Record::Progress { writer, next });
         }
+    }
+}
+
+/// What an app is told of a match: without the data of user, topic and group where a remote participant has announced
+/// so much of them that the message would not reach the app. Matching does not need them.
+fn matched(local: EntityId, mut remote: RemoteEndpoint) -> FromLayer {
+    let qos = &mut remote.qos;
+    let data = [&mut qos.user_data, &mut qos.topic_data, &mut qos.group_data];
+    let length: usize = data.iter().map(|data| data.len()).sum();
+    if length > MAX_DATA {
+        tracing::warn!(remote = %remote.guid, length, "USER_DATA, TOPIC_DATA and GROUP_DATA are not told to the app");
+        data.into_iter().for_each(Vec::clear);
+    }
+    FromLayer::Matched {
+        local,
+        remote: Box::new(remote),
     }
 }

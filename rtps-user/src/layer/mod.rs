@@ -195,6 +195,7 @@ impl Layer {
         let participant = self.config.discovery().participant;
         self.discovery.set_participant(now, participant);
         self.store_announcement();
+        self.settle();
     }
 
     /// When [`handle_timeout`](Self::handle_timeout) is to be called at the latest.

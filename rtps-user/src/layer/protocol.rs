@@ -11,7 +11,7 @@ use crate::qos::{PolicyId, Qos};
 use crate::wire::{EntityId, Guid, GuidPrefix};
 
 /// Changes with every incompatible change of this file.
-pub const LAYER_PROTOCOL_VERSION: u32 = 1;
+pub const LAYER_PROTOCOL_VERSION: u32 = 2;
 
 /// The longest encoded value, in bytes; longer ones are refused before they are read.
 pub const MAX_PROTOCOL_MESSAGE: usize = 128 * 1024;

@@ -37,6 +37,8 @@ pub struct ParticipantStatus {
     pub vendor: String,
     /// Where discovery traffic for it goes.
     pub metatraffic: Vec<SocketAddr>,
+    /// Where samples for its endpoints go, best first, unless an endpoint says otherwise.
+    pub user: Vec<SocketAddr>,
     /// Its lease in seconds; none where it never ends.
     pub lease_seconds: Option<f64>,
     /// Its endpoints.
@@ -82,7 +84,7 @@ pub struct RefusedStatus {
     pub endpoints: u64,
     /// Discovery samples that could not be read.
     pub malformed: u64,
-    /// Announcements that came from an address that is not their participant's.
+    /// Submessages that came from an address that is not their participant's.
     pub foreign: u64,
 }
 
@@ -130,6 +132,7 @@ impl Layer {
             name: participant.data.name.clone(),
             vendor: format!("{:04x}", u16::from_be_bytes(participant.data.vendor.0)),
             metatraffic: participant.metatraffic.clone(),
+            user: participant.user.clone(),
             lease_seconds: participant.lease().map(|lease| lease.as_secs_f64()),
             endpoints: participant
                 .endpoints

@@ -46,6 +46,11 @@ impl Responder {
         self.nack_frag_count = count;
     }
 
+    /// The greater of its counts.
+    pub(super) fn count(&self) -> i32 {
+        self.acknack_count.max(self.nack_frag_count)
+    }
+
     /// An ACKNACK is due even where nothing is missing.
     pub(super) fn request(&mut self) {
         self.requested = true;

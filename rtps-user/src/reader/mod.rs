@@ -70,6 +70,9 @@ pub struct Reader {
     watch: Watch,
     /// Writers for whose next change the cache had no room.
     blocked: BTreeSet<Guid>,
+    /// The greatest count of an ACKNACK or NACK_FRAG to a writer that is matched no more. Those to new matches go on
+    /// from there, so that a writer that comes back, or never noticed that it was gone, takes none for old.
+    count: i32,
     /// When the last change came, for what happens without a clock at hand.
     now: Option<Instant>,
 }
@@ -85,6 +88,7 @@ impl Reader {
             messages: Timers::default(),
             watch: Watch::default(),
             blocked: BTreeSet::new(),
+            count: 0,
             now: None,
         }
     }
@@ -114,6 +118,7 @@ impl Reader {
             }
             Entry::Vacant(vacant) => {
                 let proxy = vacant.insert(WriterProxy::new(now, &self.config, remote));
+                proxy.responder.resume(self.count);
                 self.watch
                     .begin(remote.guid, &proxy.lease, &mut self.events);
                 if proxy.is_reliable() {
@@ -132,6 +137,7 @@ impl Reader {
         self.messages.cancel((writer, Message::Greeting));
         self.messages.cancel((writer, Message::Answer));
         self.blocked.remove(&writer);
+        self.count = self.count.max(proxy.responder.count());
         self.events.lost(writer, proxy.held_count() as u64);
         self.watch.end(writer, &proxy.lease, &mut self.events);
         self.cache.writer_gone(now, writer, &mut self.events);

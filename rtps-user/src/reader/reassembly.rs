@@ -46,6 +46,8 @@ pub(super) struct Reassembly {
     /// Bytes of all their buffers.
     bytes: usize,
     max_sample_size: usize,
+    /// Whether what is missing is asked for, so that every sample can still be completed.
+    is_reliable: bool,
 }
 
 #[derive(Debug)]
@@ -65,11 +67,12 @@ struct Partial {
 }
 
 impl Reassembly {
-    pub(super) fn new(max_sample_size: usize) -> Self {
+    pub(super) fn new(max_sample_size: usize, is_reliable: bool) -> Self {
         Self {
             partials: BTreeMap::new(),
             bytes: 0,
             max_sample_size,
+            is_reliable,
         }
     }
 
@@ -164,8 +167,7 @@ impl Reassembly {
         (requests, again)
     }
 
-    /// Keeps number and bytes of samples in the making in bounds: the newest go first, because the oldest are
-    /// needed first. `None` when there is no room for this fragment.
+    /// Keeps number and bytes of samples in the making in bounds. `None` when there is no room for this fragment.
     fn make_room(&mut self, now: Instant, fragment: &DataFrag<'_>) -> Option<()> {
         let sequence = fragment.sequence;
         match self.partials.get(&sequence) {
@@ -189,13 +191,25 @@ impl Reassembly {
 
     fn bound(&mut self, sequence: SequenceNumber, exceeded: impl Fn(&Self) -> bool) -> Option<()> {
         while exceeded(self) {
-            let (&newest, _) = self.partials.last_key_value()?;
-            if newest <= sequence {
-                return None;
-            }
-            self.take(newest);
+            let victim = self.victim(sequence)?;
+            self.take(victim);
         }
         Some(())
+    }
+
+    /// The sample that makes room for a fragment of `sequence`. With repairs that is the newest, because the oldest
+    /// are needed first; without them it is the one that has got nothing for the longest time, because what it
+    /// misses is lost.
+    fn victim(&self, sequence: SequenceNumber) -> Option<SequenceNumber> {
+        if self.is_reliable {
+            let (newest, _) = self.partials.last_key_value()?;
+            return (*newest > sequence).then_some(*newest);
+        }
+        self.partials
+            .iter()
+            .filter(|(other, _)| **other != sequence)
+            .min_by_key(|(_, partial)| partial.arrived)
+            .map(|(oldest, _)| *oldest)
     }
 
     fn take(&mut self, sequence: SequenceNumber) -> Option<Partial> {

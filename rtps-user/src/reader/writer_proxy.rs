@@ -67,7 +67,7 @@ impl WriterProxy {
             guid: remote.guid,
             destinations: destinations(remote),
             lease: Lease::new(now, remote.qos.liveliness),
-            reassembly: Reassembly::new(config.max_sample_size),
+            reassembly: Reassembly::new(config.max_sample_size, reliable),
             responder: Responder::default(),
             filter: HeartbeatFilter::default(),
             reliable,

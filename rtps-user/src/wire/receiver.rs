@@ -7,6 +7,8 @@ use super::{GuidPrefix, Header, Submessage, Submessages, Timestamp, WireError};
 pub struct Received<'a> {
     /// The participant that it comes from.
     pub source: GuidPrefix,
+    /// It names us as its destination.
+    pub is_directed: bool,
     /// The source timestamp, if any.
     pub timestamp: Option<Timestamp>,
     /// The submessage; never an interpreter submessage.
@@ -20,6 +22,7 @@ pub struct MessageReceiver<'a> {
     header: Header,
     source: GuidPrefix,
     for_us: bool,
+    is_directed: bool,
     timestamp: Option<Timestamp>,
     submessages: Submessages<'a>,
 }
@@ -33,6 +36,7 @@ impl<'a> MessageReceiver<'a> {
             header,
             source: header.prefix,
             for_us: true,
+            is_directed: false,
             timestamp: None,
             submessages,
         })
@@ -52,7 +56,8 @@ impl<'a> Iterator for MessageReceiver<'a> {
             match self.submessages.next()? {
                 Err(error) => return Some(Err(error)),
                 Ok(Submessage::InfoDestination(prefix)) => {
-                    self.for_us = prefix == GuidPrefix::UNKNOWN || prefix == self.own;
+                    self.is_directed = prefix == self.own;
+                    self.for_us = self.is_directed || prefix == GuidPrefix::UNKNOWN;
                 }
                 Ok(Submessage::InfoSource(prefix)) => {
                     self.source = prefix;
@@ -63,6 +68,7 @@ impl<'a> Iterator for MessageReceiver<'a> {
                 Ok(submessage) if self.for_us => {
                     return Some(Ok(Received {
                         source: self.source,
+                        is_directed: self.is_directed,
                         timestamp: self.timestamp,
                         submessage,
                     }));

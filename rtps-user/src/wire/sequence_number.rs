@@ -2,6 +2,7 @@
 //! (RTPS 2.5 sections 9.4.2.3, 9.4.2.6 and 9.4.2.8).
 
 use std::fmt;
+use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
@@ -204,6 +205,11 @@ impl FragmentNumberSet {
             bitmap.insert(distance);
         }
         Self { base, bitmap }
+    }
+
+    /// The numbers that it says something of: its members, and those between them.
+    pub fn span(&self) -> Range<u32> {
+        self.base..self.base.saturating_add(self.bitmap.len)
     }
 
     /// The members in order.

@@ -262,6 +262,7 @@ mod tests {
         let expected: Vec<_> = submessages()
             .into_iter()
             .map(|submessage| Received {
+                is_directed: true,
                 source: THEIRS,
                 timestamp: Some(Timestamp {
                     seconds: 1,

@@ -42,8 +42,9 @@ pub(super) struct Outbox {
 }
 
 impl Outbox {
-    /// Requests for fragments of so many changes are kept; a reader repeats what is forgotten.
-    const MAX_FRAGMENT_REQUESTS: usize = 16;
+    /// So many sets of fragments are kept, more than a reader can ask for in one datagram; it repeats what is
+    /// forgotten.
+    const MAX_FRAGMENT_REQUESTS: usize = 32;
 
     /// The reader must be told what the writer has, and that it need not wait for what is below `start`.
     pub(super) fn greet(&mut self, start: SequenceNumber) {
@@ -61,7 +62,8 @@ impl Outbox {
         self.heartbeat = true;
     }
 
-    /// The reader asks for changes; replaces what it asked for before. Those from `end` on are on their way.
+    /// The reader asks for changes beside those that it asked for before and has not acknowledged since: a reader
+    /// need not repeat at once what it is waiting for. Those from `end` on are on their way.
     pub(super) fn request_changes(
         &mut self,
         now: Instant,
@@ -69,8 +71,13 @@ impl Outbox {
         end: SequenceNumber,
         timing: &WriterTiming,
     ) {
-        self.changes = ChangeRequest::new(missing, end);
-        if let Some(request) = &self.changes {
+        let earlier = self.changes.take();
+        let asks = ChangeRequest::new(missing, end).is_some();
+        self.changes = match earlier {
+            Some(earlier) => earlier.merge(missing, end),
+            None => ChangeRequest::new(missing, end),
+        };
+        if let (true, Some(request)) = (asks, &self.changes) {
             let allowed_at = self
                 .suppressed_changes
                 .allowed_at(now, request.first())
@@ -79,7 +86,7 @@ impl Outbox {
         }
     }
 
-    /// The reader asks for fragments of a change.
+    /// The reader asks for fragments of a change; it may take several sets to name them all.
     pub(super) fn request_fragments(
         &mut self,
         now: Instant,
@@ -88,7 +95,7 @@ impl Outbox {
         timing: &WriterTiming,
     ) {
         self.fragments
-            .retain(|request| request.sequence() != sequence);
+            .retain_mut(|request| request.supersede(sequence, &missing));
         let request = FragmentRequest::new(sequence, missing);
         let Some(first) = request.next() else {
             return;

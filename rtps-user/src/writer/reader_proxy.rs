@@ -104,7 +104,9 @@ impl ReaderProxy {
             self.next_heartbeat = now + timing.heartbeat_period;
         }
         self.outbox.request_changes(now, acknack.state, end, timing);
-        if self.wants_answer(acknack) && self.may_answer(now, timing) {
+        // One that is not final asks for a HEARTBEAT (RTPS 8.3.8.1), as does that which a reader sends before it has
+        // heard of the writer.
+        if !acknack.is_final && self.may_answer(now, timing) {
             self.answered_at = Some(now);
             self.outbox.announce();
         }
@@ -142,13 +144,6 @@ impl ReaderProxy {
         self.outbox.announce();
         self.heartbeat_period = (self.heartbeat_period * 2).min(timing.heartbeat_period_max);
         self.next_heartbeat = now + self.heartbeat_period;
-    }
-
-    /// An ACKNACK that is not final asks for a HEARTBEAT (RTPS 8.3.8.1), and so does the one that a reader sends
-    /// before it has heard of the writer: everything from 0 or 1 on, nothing missing.
-    fn wants_answer(&self, acknack: &AckNack) -> bool {
-        let is_preemptive = acknack.state.base <= SequenceNumber(1) && acknack.state.is_empty();
-        !acknack.is_final || is_preemptive
     }
 
     /// A reader that answers each HEARTBEAT with a question is not answered faster than it can get on.

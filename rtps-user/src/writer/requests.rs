@@ -30,6 +30,21 @@ impl ChangeRequest {
         })
     }
 
+    /// What the reader still waits for, now that it says what is `missing`: this and what it asked for before from
+    /// the base on, as far as it has not been sent; `None` without any.
+    pub(super) fn merge(self, missing: SequenceNumberSet, end: SequenceNumber) -> Option<Self> {
+        let unsent = self.missing.iter();
+        let unsent = unsent.filter(|m| (self.position.sequence..self.end).contains(m));
+        let all = SequenceNumberSet::from_members(missing.base, unsent.chain(missing.iter()));
+        let mut request = Self::new(all, end)?;
+        // A large change that is half sent is not begun anew, unless it is asked for again.
+        if request.first == self.position.sequence && !missing.contains(request.first) {
+            request.position = self.position;
+            request.has_begun = self.has_begun && missing.is_empty();
+        }
+        Some(request)
+    }
+
     /// What it begins with.
     pub(super) fn first(&self) -> Position {
         Position::start_of(self.first)
@@ -111,9 +126,19 @@ impl FragmentRequest {
         }
     }
 
-    /// The change whose fragments are asked for.
-    pub(super) fn sequence(&self) -> SequenceNumber {
-        self.sequence
+    /// Leaves to a newer request for fragments of `sequence` what that speaks of; gives whether any remain.
+    pub(super) fn supersede(
+        &mut self,
+        sequence: SequenceNumber,
+        newer: &FragmentNumberSet,
+    ) -> bool {
+        if sequence != self.sequence {
+            return true;
+        }
+        let span = newer.span();
+        let others = self.missing.iter().filter(|member| !span.contains(member));
+        self.missing = FragmentNumberSet::from_members(self.missing.base, others);
+        self.next().is_some()
     }
 
     /// The next fragment that is asked for.

@@ -75,6 +75,7 @@ impl Bench {
         let remote = RemoteEndpoint {
             guid: reader_guid(number),
             unicast: vec![SocketAddr::from(([10, 0, 0, 1], port))],
+            addresses: Vec::new(),
             multicast: Vec::new(),
             expects_inline_qos: false,
             qos,
@@ -85,6 +86,10 @@ impl Bench {
     }
 
     fn acknack(&mut self, number: u8, base: i64, missing: &[i64]) {
+        self.acknack_with(number, base, missing, true);
+    }
+
+    fn acknack_with(&mut self, number: u8, base: i64, missing: &[i64], is_final: bool) {
         self.count += 1;
         let base = SequenceNumber(base);
         let missing = missing.iter().copied().map(SequenceNumber);
@@ -93,7 +98,7 @@ impl Bench {
             writer: writer_guid().entity,
             state: SequenceNumberSet::from_members(base, missing),
             count: self.count,
-            is_final: true,
+            is_final,
         };
         self.writer
             .handle_acknack(self.now, reader_guid(number), &acknack);
@@ -352,7 +357,9 @@ fn a_preemptive_acknack_is_answered() {
         let mut bench = matched(reliable(Durability::TransientLocal));
         bench.write(100);
         bench.lines();
-        bench.acknack(1, base, &[]);
+        bench.acknack_with(1, base, &[], true);
+        assert!(bench.lines().is_empty(), "a final one asks for nothing");
+        bench.acknack_with(1, base, &[], false);
         assert_eq!(bench.lines(), ["HEARTBEAT 1..=1 to 1"]);
     }
 }
@@ -405,7 +412,7 @@ fn what_is_half_sent_is_not_in_heartbeats() {
     bench.write(3000);
     let mut out = Vec::new();
     assert!(bench.writer.poll_transmit(bench.now, &mut out).is_some());
-    bench.acknack(1, 1, &[]);
+    bench.acknack_with(1, 1, &[], false);
     let lines = bench.lines();
     assert_eq!(lines[0], "HEARTBEAT 1..=0 final to 1");
 }
@@ -436,4 +443,46 @@ fn a_resumed_writer_counts_on() {
     assert_eq!(bench.lines(), greeting);
     bench.write(100);
     assert_eq!(bench.lines(), ["DATA 100 to all"]);
+}
+
+#[test]
+fn all_fragments_are_repeated_that_several_sets_ask_for() {
+    let mut bench = matched(reliable(Durability::Volatile));
+    bench.write(1_000_000);
+    bench.lines();
+    bench.pass(Duration::from_secs(1));
+    let wanted: Vec<u32> = (1..=512).collect();
+    let (first, second) = wanted.split_at(256);
+    bench.nack_frag(1, 1, first);
+    bench.nack_frag(1, 1, second);
+    // Asked for again before it was sent.
+    bench.nack_frag(1, 1, &first[200..]);
+    let is_repair = |line: &String| line.starts_with("DATA_FRAG") && line.ends_with("to 1");
+    let repairs = bench.pass(Duration::from_millis(500));
+    let mut repairs: Vec<_> = repairs.into_iter().filter(is_repair).collect();
+    assert_eq!(repairs.len(), 512);
+    repairs.sort();
+    repairs.dedup();
+    assert_eq!(repairs.len(), 512);
+}
+
+#[test]
+fn a_later_acknack_does_not_cancel_what_waits_to_be_sent() {
+    let mut bench = matched(reliable(Durability::Volatile));
+    for _ in 0..5 {
+        bench.write(100);
+    }
+    bench.lines();
+    bench.acknack(1, 1, &[1, 2, 3]);
+    assert_eq!(bench.lines().len(), 4);
+    bench.acknack(1, 2, &[2, 4]);
+    assert!(bench.lines().is_empty(), "2 was sent just now");
+    bench.acknack(1, 3, &[]);
+    bench.acknack(1, 3, &[5]);
+    let repairs = bench.pass(Duration::from_millis(100));
+    assert_eq!(
+        repairs[..3],
+        ["DATA 4 to 1", "DATA 5 to 1", "HEARTBEAT 3..=5 to 1"],
+        "{repairs:?}"
+    );
 }

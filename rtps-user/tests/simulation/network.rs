@@ -358,6 +358,7 @@ impl Network {
         RemoteEndpoint {
             guid,
             unicast: vec![address],
+            addresses: Vec::new(),
             multicast: Vec::new(),
             expects_inline_qos: false,
             qos,

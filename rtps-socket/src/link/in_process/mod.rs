@@ -238,6 +238,10 @@ impl Link for InProcessLink {
         self.pump(now);
     }
 
+    fn is_lost(&self) -> bool {
+        false
+    }
+
     fn shutdown(&mut self, now: Instant) {
         self.layer.shutdown(now);
         self.pump(now);

@@ -14,13 +14,15 @@ use rtps_user::layer::protocol::{
 use rtps_user::wire::EntityId;
 
 use super::{AttachError, CONTROL};
+use crate::link::encode;
 use crate::sys::seqpacket::SeqPacket;
 use crate::sys::{Epoll, Interest, wait_readable};
 
 /// Names another socket than the one of this network namespace.
 const PATH_VARIABLE: &str = "RTPS_LAYER_SOCKET";
-/// How long a program that starts waits for the answer to its hello.
-const WELCOME_TIMEOUT: Duration = Duration::from_secs(2);
+/// How long a program that starts waits for the answer to its hello. rtpsd gives a ring to an app with a call that
+/// waits for every CPU (RCU), on a busy machine for seconds.
+const WELCOME_TIMEOUT: Duration = Duration::from_secs(10);
 /// The first pause before trying to connect again; it doubles.
 const RETRY_FIRST: Duration = Duration::from_millis(20);
 const RETRY_MAX: Duration = Duration::from_millis(500);
@@ -151,6 +153,11 @@ impl Control {
             let packet = match socket.receive(&mut self.buffer) {
                 Ok(packet) => packet,
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => return None,
+                // The packets after it are whole again.
+                Err(error) if error.kind() == io::ErrorKind::InvalidData => {
+                    tracing::error!(%error, "a packet of rtpsd is left out");
+                    continue;
+                }
                 Err(error) => return self.lost(now, &error.to_string()),
             };
             if packet.len == 0 {
@@ -194,6 +201,13 @@ impl Control {
         tracing::error!("rtpsd does not take this app back: {reason}");
         self.retry = RETRY_MAX;
         self.away(now);
+    }
+
+    /// Leaves rtpsd and does not ask it again.
+    pub(super) fn close(&mut self) {
+        self.state = State::Away;
+        self.outbox.clear();
+        self.due = None;
     }
 
     /// When [`handle_timeout`](Self::handle_timeout) is due.
@@ -255,6 +269,12 @@ impl Control {
                     self.due = Some(now + RESEND);
                     return;
                 }
+                // It will never be sent, and must not keep the others from it.
+                Err(error) if error.raw_os_error() == Some(libc::EMSGSIZE) => {
+                    let reason = format!("{} bytes are too many for one packet", packet.len());
+                    self.inbox.push_back(FromLayer::Refused { reason });
+                    self.outbox.pop_front();
+                }
                 // The end of the connection will be read, too.
                 Err(error) => {
                     tracing::debug!(%error, "rtpsd cannot be told");
@@ -263,10 +283,6 @@ impl Control {
             }
         }
     }
-}
-
-fn encode(request: &ToLayer) -> Vec<u8> {
-    postcard::to_stdvec(request).expect("requests have no maps or numbers that postcard refuses")
 }
 
 #[cfg(test)]

@@ -4,20 +4,21 @@ use std::net::UdpSocket;
 
 use crate::sys::udp;
 
-/// Wake-ups after which what has piled up is thrown away: few enough that the socket's receive buffer, without room
+/// Datagrams after which what has piled up is thrown away: few enough that the socket's receive buffer, without room
 /// in which it would not wake anybody, cannot be full, and enough for the system call not to matter.
-const RINGS_PER_CLEARING: u32 = 32;
+const PENDING_MAX: usize = 32;
 
 /// See the module.
 #[derive(Debug)]
 pub(super) struct Doorbell {
     socket: UdpSocket,
-    rings: u32,
+    /// The most datagrams that can be in the socket.
+    pending: usize,
 }
 
 impl Doorbell {
     pub(super) fn new(socket: UdpSocket) -> Self {
-        Self { socket, rings: 0 }
+        Self { socket, pending: 0 }
     }
 
     /// The socket, to send from.
@@ -25,12 +26,16 @@ impl Doorbell {
         &self.socket
     }
 
-    /// Something arrived: the message itself is in the ring.
-    pub(super) fn rang(&mut self) {
-        self.rings += 1;
-        if self.rings == RINGS_PER_CLEARING {
-            self.rings = 0;
+    /// `records` were taken out of the ring, and the socket has woken the app or not. Until the app is awake and says
+    /// so, each of the records may have rung: a burst leaves many datagrams, whatever the number of wake-ups.
+    pub(super) fn took(&mut self, records: usize, has_rung: bool) {
+        // Without a record it rings for one that was taken before, or a stranger does: nobody counts those.
+        let is_late = has_rung && records == 0;
+        self.pending += records;
+        if is_late || self.pending >= PENDING_MAX {
             udp::discard_pending(&self.socket);
+            // A record is in the ring a little before its datagram is in the socket.
+            self.pending = records;
         }
     }
 }
@@ -43,18 +48,40 @@ mod tests {
     use super::*;
     use crate::sys::{Epoll, Interest};
 
-    #[test]
-    fn it_never_stops_ringing() {
+    /// Sends `burst` datagrams per wake-up; `take` tells the doorbell what came out of the ring.
+    fn ring_often(burst: usize, mut take: impl FnMut(&mut Doorbell)) {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
         let (epoll, address) = (Epoll::new().unwrap(), socket.local_addr().unwrap());
         epoll.add(socket.as_fd(), 5, Interest::Edge).unwrap();
         let mut doorbell = Doorbell::new(socket);
         let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
         for round in 0..2000 {
-            sender.send_to(&[0; 1400], address).unwrap();
+            for _ in 0..burst {
+                sender.send_to(&[0; 1400], address).unwrap();
+            }
             let wakeups = epoll.wait(Some(Duration::from_millis(500))).unwrap();
-            assert!(wakeups.contains(5), "silent in round {round}");
-            doorbell.rang();
+            assert!(wakeups.contains(5), "silent in round {round} of {burst}");
+            take(&mut doorbell);
         }
+    }
+
+    #[test]
+    fn it_never_stops_ringing() {
+        for burst in [1, 3, 44, 300] {
+            ring_often(burst, |doorbell| doorbell.took(burst, true));
+        }
+    }
+
+    #[test]
+    fn records_taken_without_a_wake_up_count() {
+        ring_often(44, |doorbell| {
+            doorbell.took(1, true);
+            doorbell.took(43, false);
+        });
+    }
+
+    #[test]
+    fn datagrams_that_come_after_their_records_do_not_fill_it() {
+        ring_often(20, |doorbell| doorbell.took(0, true));
     }
 }

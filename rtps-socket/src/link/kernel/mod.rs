@@ -67,6 +67,7 @@ pub(crate) struct KernelLink {
     doorbell: Doorbell,
     control: Control,
     epoll: Arc<Epoll>,
+    is_lost: bool,
 }
 
 impl KernelLink {
@@ -96,16 +97,12 @@ impl KernelLink {
             doorbell: Doorbell::new(socket),
             control,
             epoll: Arc::clone(epoll),
+            is_lost: false,
         })
     }
 
     /// The layer's process was restarted and knows the app again.
-    fn resume(&mut self, welcome: &Welcome, fds: Vec<OwnedFd>) -> Result<(), AttachError> {
-        if identity(welcome).slot != self.identity.slot || welcome.prefix != self.identity.prefix {
-            let what =
-                "the layer was set up anew and this app's endpoints are unknown: restart the app";
-            return Err(AttachError::Refused(what.to_owned()));
-        }
+    fn resume(&mut self, fds: Vec<OwnedFd>) -> Result<(), AttachError> {
         // An app that comes back still has its ring: nothing is passed.
         if !fds.is_empty() {
             let (ring, bell) = map(fds)?;
@@ -117,7 +114,17 @@ impl KernelLink {
 
     fn handle_control(&mut self, now: Instant, event: ControlEvent) {
         match event {
-            ControlEvent::Welcome(welcome, fds) => match self.resume(&welcome, fds) {
+            ControlEvent::Welcome(welcome, _) if !is_same(&self.identity, &welcome) => {
+                tracing::error!(
+                    "the layer was set up anew while this app was not connected, and its endpoints \
+                     are gone: open the participant again"
+                );
+                // Each further attempt would take another slot, and what the app sends under its old name may be
+                // taken for another app's.
+                self.is_lost = true;
+                self.control.close();
+            }
+            ControlEvent::Welcome(_, fds) => match self.resume(fds) {
                 Ok(()) => self.control.attached(now),
                 Err(error) => self.control.give_up(now, &error.to_string()),
             },
@@ -148,6 +155,9 @@ impl Link for KernelLink {
     }
 
     fn send(&mut self, transmit: &Transmit, datagram: &[u8]) {
+        if self.is_lost {
+            return;
+        }
         // The socket is an IPv4 one.
         for destination in transmit.destinations.iter().filter(|to| to.is_ipv4()) {
             if let Err(error) = self.doorbell.socket().send_to(datagram, destination) {
@@ -157,14 +167,13 @@ impl Link for KernelLink {
     }
 
     fn receive(&mut self, now: Instant, wakeups: Wakeups, sink: &mut Sink<'_>) {
-        if wakeups.contains(DOORBELL) {
-            self.doorbell.rang();
-        }
-        self.ring
+        let records = self
+            .ring
             .drain(RECORDS_AT_ONCE, |record| match record::parse(record) {
                 Some((source, message)) => sink(source, message),
                 None => tracing::warn!(len = record.len(), "a record of the ring is malformed"),
             });
+        self.doorbell.took(records, wakeups.contains(DOORBELL));
         if wakeups.contains(CONTROL)
             && let Some(event) = self.control.receive(now)
         {
@@ -193,8 +202,17 @@ impl Link for KernelLink {
         self.control.handle_timeout(now);
     }
 
+    fn is_lost(&self) -> bool {
+        self.is_lost
+    }
+
     /// Closing the socket says it all: rtpsd withdraws the endpoints of whoever is gone.
     fn shutdown(&mut self, _now: Instant) {}
+}
+
+/// Whether the layer knows the app by the name that its endpoints have.
+fn is_same(identity: &Identity, welcome: &Welcome) -> bool {
+    (identity.slot, identity.prefix) == (welcome.slot, welcome.prefix)
 }
 
 fn identity(welcome: &Welcome) -> Identity {

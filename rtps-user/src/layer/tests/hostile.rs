@@ -7,9 +7,11 @@ use super::sim::{GROUP, Net, config, endpoint, prefix};
 use super::{READER, SECOND, WRITER, matched, matches};
 use crate::discovery::{DiscoveryLimits, EndpointData, ParticipantData};
 use crate::layer::Limits;
+use crate::layer::protocol::MAX_PROTOCOL_MESSAGE;
 use crate::qos::Qos;
 use crate::wire::{
-    Data, EntityId, Guid, GuidPrefix, InlineQos, MessageWriter, PayloadKind, SequenceNumber,
+    Data, DataFragment, EntityId, Guid, GuidPrefix, InlineQos, KeyHash, MessageWriter, PayloadKind,
+    SequenceNumber, StatusInfo,
 };
 
 fn address(number: usize) -> SocketAddr {
@@ -166,6 +168,130 @@ fn nobody_speaks_for_a_participant_from_elsewhere() {
     net.run(SECOND);
     assert_eq!(net.replies(1), []);
     assert_eq!(net.hosts[1].layer.status().refused.foreign, 1);
+}
+
+#[test]
+fn nobody_makes_us_send_to_others() {
+    let mut net = Net::new(2);
+    net.run(SECOND);
+    let mut invented = ParticipantData::new(prefix(1000));
+    let victim = net.hosts[1].address;
+    invented.metatraffic_unicast = vec![victim];
+    let mut payload = Vec::new();
+    invented.encode(&mut payload);
+    let bytes = message(prefix(1000), EntityId::SPDP_WRITER, 1, &payload);
+    let to = net.hosts[0].address;
+    net.inject(address(1000), to, bytes);
+    net.run(10 * SECOND);
+    let status = net.hosts[0].layer.status();
+    let known = status.participants.iter();
+    let invented = known.filter(|known| known.metatraffic.contains(&victim));
+    // Only the one that really is there.
+    assert_eq!(invented.count(), 1);
+    assert_eq!(status.participants.len(), 2);
+}
+
+#[test]
+fn nobody_ends_a_match_of_others() {
+    let (mut net, writer, _) = matched();
+    let mut bytes = Vec::new();
+    MessageWriter::new(&mut bytes, writer.prefix).data(&Data {
+        reader: EntityId::UNKNOWN,
+        writer: EntityId::SEDP_PUBLICATIONS_WRITER,
+        sequence: SequenceNumber(2),
+        inline_qos: InlineQos {
+            key_hash: Some(KeyHash(writer.to_bytes())),
+            status: StatusInfo {
+                disposed: true,
+                unregistered: true,
+                filtered: false,
+            },
+            coherent_set: None,
+        },
+        kind: PayloadKind::None,
+        payload: &[],
+    });
+    let to = net.hosts[1].address;
+    net.inject(address(666), to, bytes.clone());
+    net.run(SECOND);
+    assert_eq!(net.replies(1), []);
+    assert_eq!(net.hosts[1].layer.status().refused.foreign, 1);
+    let from = net.hosts[0].address;
+    net.inject(from, to, bytes);
+    net.run(SECOND);
+    assert_eq!(net.replies(1).len(), 1, "its own word counts");
+}
+
+#[test]
+fn an_announcement_is_not_echoed_for_ever() {
+    let mut net = Net::new(1);
+    let slot = net.attach(0);
+    net.declare(0, endpoint(slot, 1, WRITER));
+    net.run(10 * SECOND);
+    let count = |net: &mut Net| {
+        let before = net.sent;
+        net.run(600 * SECOND);
+        net.sent - before
+    };
+    let quiet = count(&mut net);
+    let mut invented = ParticipantData::new(prefix(1000));
+    invented.lease = crate::wire::Duration::INFINITE;
+    invented.metatraffic_unicast = vec![address(77)];
+    let mut payload = Vec::new();
+    invented.encode(&mut payload);
+    let bytes = message(prefix(1000), EntityId::SPDP_WRITER, 1, &payload);
+    net.inject(address(1000), GROUP, bytes);
+    let disturbed = count(&mut net);
+    assert!(disturbed > quiet, "it is answered");
+    assert!(disturbed < quiet + 200, "{disturbed} instead of {quiet}");
+    assert_eq!(count(&mut net), quiet);
+}
+
+#[test]
+fn what_is_announced_never_outgrows_the_messages_to_apps() {
+    let mut net = Net::new(1);
+    let slot = net.attach(0);
+    net.declare(0, endpoint(slot, 1, READER));
+    announce(&mut net, 1000);
+    let data = EndpointData {
+        guid: Guid::new(prefix(1000), EntityId::of_app(1, 1, WRITER)),
+        topic: "Square".to_owned(),
+        type_name: "ShapeType".to_owned(),
+        unicast: Vec::new(),
+        multicast: Vec::new(),
+        expects_inline_qos: false,
+        qos: Qos {
+            user_data: vec![1; 60_000],
+            topic_data: vec![1; 60_000],
+            group_data: vec![1; 60_000],
+            ..super::sim::reliable()
+        },
+    };
+    let mut sample = Vec::new();
+    data.encode(&mut sample);
+    let fragment_size = 1300;
+    for fragment in 1..=sample.len().div_ceil(fragment_size) {
+        let mut bytes = Vec::new();
+        MessageWriter::new(&mut bytes, prefix(1000)).data_fragment(&DataFragment {
+            reader: EntityId::UNKNOWN,
+            writer: EntityId::SEDP_PUBLICATIONS_WRITER,
+            sequence: SequenceNumber(1),
+            fragment: fragment as u32,
+            fragment_size: fragment_size as u16,
+            inline_qos: InlineQos::default(),
+            kind: PayloadKind::Data,
+            sample: &sample,
+        });
+        let to = net.hosts[0].address;
+        net.inject(address(1000), to, bytes);
+        net.run(Duration::from_millis(1));
+    }
+    let replies = net.replies(0);
+    assert_eq!(matches(&replies), [data.guid]);
+    for (_, message) in replies {
+        let length = postcard::to_stdvec(&message).unwrap().len();
+        assert!(length <= MAX_PROTOCOL_MESSAGE, "{length}");
+    }
 }
 
 #[test]

@@ -157,3 +157,34 @@ fn a_rematched_writer_is_answered_at_its_new_address() {
     );
     assert_eq!(bench.progress(), 2);
 }
+
+#[test]
+fn counts_go_on_when_a_writer_comes_back() {
+    let mut bench = Bench::started(reliable(), reliable());
+    bench.reader.unmatch_writer(bench.now, bench.writer);
+    let again = remote(bench.writer, reliable());
+    bench.reader.match_writer(bench.now, &again);
+    assert_eq!(bench.answers(), [Answer::AckNack(1, vec![], 3, false)]);
+}
+
+/// Whoever claims numbers at the end of what there is must not make the reader say what nobody understands.
+#[test]
+fn answers_stay_readable_at_the_end_of_all_numbers() {
+    let ends = (0..600).chain([1 << 20]).map(|back| i64::MAX - back);
+    for end in ends {
+        let mut bench = Bench::started(reliable(), reliable());
+        for _ in 0..2 {
+            bench.heartbeat(1, end);
+            bench.answers();
+            bench.heartbeat(end, end);
+            bench.answers();
+            bench.gap(end - 300, end, &[]);
+            bench.data(end);
+            bench.heartbeat(end, i64::MAX);
+            bench.answers();
+            bench.wait(1000);
+            bench.answers();
+        }
+        assert!(bench.progress() > end - 300);
+    }
+}

@@ -250,3 +250,22 @@ fn best_effort_drops_what_newer_samples_overtake() {
     assert_eq!(bench.taken(), [2]);
     assert!(bench.reader.proxies[&bench.writer].reassembly.is_empty());
 }
+
+#[test]
+fn best_effort_never_runs_out_of_room() {
+    let mut bench = Bench::new(Qos::default(), Qos::default());
+    let whole = sample(250);
+    for sequence in 1..=64 {
+        bench.part(sequence, 1, &whole);
+    }
+    for sequence in 65..=200 {
+        bench.part(sequence, 1, &whole);
+        bench.part(sequence, 2, &whole);
+        bench.wait(1);
+    }
+    for first in 1..=3 {
+        bench.part(201, first, &whole);
+    }
+    assert_eq!(bench.taken(), [201]);
+    assert!(bench.reader.proxies[&bench.writer].reassembly.is_empty());
+}

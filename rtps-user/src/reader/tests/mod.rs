@@ -47,6 +47,7 @@ fn remote(guid: Guid, qos: Qos) -> RemoteEndpoint {
     RemoteEndpoint {
         guid,
         unicast: vec!["10.0.0.2:7411".parse().unwrap()],
+        addresses: Vec::new(),
         multicast: Vec::new(),
         expects_inline_qos: false,
         qos,

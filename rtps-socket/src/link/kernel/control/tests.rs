@@ -189,6 +189,55 @@ fn packets_that_are_no_messages_end_the_connection() {
 }
 
 #[test]
+fn packets_that_are_too_long_are_left_out() {
+    let path = socket_path("long");
+    let daemon = Daemon::start(&path);
+    let (mut control, connection) = attach(&daemon);
+    let long = vec![0; MAX_PROTOCOL_MESSAGE + 1];
+    send(connection.0.as_raw_fd(), &long, MsgFlags::empty()).unwrap();
+    let refused = FromLayer::Refused {
+        reason: "the next".to_owned(),
+    };
+    connection.say(&refused);
+    assert!(control.receive(Instant::now()).is_none());
+    assert_eq!(control.poll_message(), Some(refused));
+    assert_eq!(control.poll_timeout(), None, "nothing is lost");
+}
+
+#[test]
+fn what_no_packet_can_carry_does_not_block_the_rest() {
+    let path = socket_path("carry");
+    let daemon = Daemon::start(&path);
+    let (mut control, connection) = attach(&daemon);
+    let mut huge = declaration(1);
+    if let ToLayer::Declare(endpoint) = &mut huge {
+        endpoint.qos.user_data = vec![0; 64 << 20];
+    }
+    let now = Instant::now();
+    control.request(now, huge);
+    control.request(now, declaration(2));
+    assert_eq!(connection.hear(), declaration(2));
+    assert!(matches!(
+        control.poll_message(),
+        Some(FromLayer::Refused { .. })
+    ));
+}
+
+#[test]
+fn a_closed_connection_is_not_tried_again() {
+    let path = socket_path("closed");
+    let daemon = Daemon::start(&path);
+    let (mut control, connection) = attach(&daemon);
+    let now = Instant::now();
+    control.close();
+    control.request(now, declaration(1));
+    assert_eq!(control.poll_timeout(), None);
+    let mut buffer = [0; 8];
+    let end = recv(connection.0.as_raw_fd(), &mut buffer, MsgFlags::empty());
+    assert_eq!(end, Ok(0));
+}
+
+#[test]
 fn without_rtpsd_the_error_says_what_to_do() {
     let epoll = Arc::new(Epoll::new().unwrap());
     let error = Control::connect(socket_path("nobody"), hello(), &epoll).unwrap_err();

@@ -1,0 +1,49 @@
+//! An app stops reading (SIGSTOP): its own ring fills, nobody else's, and later it catches up.
+
+use anyhow::{Result, ensure};
+use nix::sys::signal::Signal;
+use rtps_tests::{require, skip_unless};
+
+use crate::stage::{Layer, PATIENCE, Stage, counter, eventually};
+use crate::stream::{End, RATE, Stream};
+
+/// Fill the smallest ring with few samples.
+const SIZE: u32 = 4000;
+
+#[test]
+fn only_its_own_samples_wait() -> Result<()> {
+    skip_unless!(require::root());
+    let stage = Stage::new("slow")?;
+    let layer = stage.load(&stage.ours)?;
+    let _other_layer = stage.load(&stage.theirs)?;
+    let count = 4 * RATE;
+    let common = format!(
+        "--topic Slow --durability transient-local --count {count} --timeout 120 --size {SIZE}"
+    );
+    let mut slow = stage.app(&stage.ours, Layer::Kernel, &format!("--sub {common}"))?;
+    let arguments = format!("--pub {common} --period-us 1000");
+    let mut publisher = stage.app(&stage.theirs, Layer::Kernel, &arguments)?;
+    let ends = (End::Theirs, End::Ours(Layer::Kernel));
+    let mut others = Stream::start(&stage, "Square", ends, 8 * RATE)?;
+    slow.wait_json_event(|event| event["x"].as_u64() >= Some(100), PATIENCE)?;
+    others.wait_for(100)?;
+    slow.signal(Signal::SIGSTOP)?;
+    eventually("the ring is full", || {
+        let lost = counter(&layer.status()?, "lost_ring_full");
+        Ok((lost > 0).then_some(()))
+    })?;
+    // The others go on all the while.
+    others.wait_for(others.position() + 500)?;
+    slow.signal(Signal::SIGCONT)?;
+    slow.wait_success(2 * PATIENCE)?;
+    publisher.wait_success(PATIENCE)?;
+    let events = slow.events();
+    let samples = events.iter().filter(|event| event["event"] == "sample");
+    let numbers: Vec<u64> = samples.filter_map(|event| event["x"].as_u64()).collect();
+    ensure!(
+        numbers == Vec::from_iter(0..count),
+        "{} samples",
+        numbers.len()
+    );
+    others.finish().map(drop)
+}
