@@ -10,14 +10,21 @@ use crate::wire::{Heartbeat, SequenceNumber, SequenceNumberSet};
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Live {
     position: Position,
+    /// Fragments of the change at `position` that a HEARTBEAT_FRAG has announced.
+    announced_fragments: u32,
     asserts_liveliness: bool,
 }
+
+/// A HEARTBEAT_FRAG goes out each time so many fragments of one change have: readers then ask for the lost ones while
+/// the rest of a large change is still being sent.
+const FRAGMENTS_PER_HEARTBEAT: u32 = 128;
 
 impl Live {
     /// Nothing sent yet.
     pub(super) fn new() -> Self {
         Self {
             position: Position::start_of(SequenceNumber(1)),
+            announced_fragments: 0,
             asserts_liveliness: false,
         }
     }
@@ -33,6 +40,26 @@ impl Live {
             1 => self.position.sequence,
             _ => self.position.sequence.next(),
         }
+    }
+
+    /// The change in the middle of which the stream is, and the last of its fragments that has been sent, when it is
+    /// time to tell reliable readers.
+    fn fragments_to_announce(&mut self) -> Option<(SequenceNumber, u32)> {
+        let sent = self.position.fragment - 1;
+        if sent < self.announced_fragments {
+            // Another change.
+            self.announced_fragments = 0;
+        }
+        if sent - self.announced_fragments < FRAGMENTS_PER_HEARTBEAT {
+            return None;
+        }
+        self.announced_fragments = sent;
+        Some((self.position.sequence, sent))
+    }
+
+    /// Whether the fragments of a change up to `last` have been sent.
+    pub(super) fn has_sent(&self, sequence: SequenceNumber, last: u32) -> bool {
+        sequence < self.end() || (sequence == self.end() && last < self.position.fragment)
     }
 
     /// What is below `sequence` is not sent.
@@ -74,7 +101,9 @@ impl Writer {
         }
         let layout = self.layout;
         let mut packet = Packet::undirected(out, &layout);
-        self.fill_changes(now, &mut packet);
+        if !self.announce_fragments(&mut packet) {
+            self.fill_changes(now, &mut packet);
+        }
         if self.wants_heartbeat_to_all() && packet.has_room_for_heartbeat() {
             self.heartbeat_to_all(&mut packet);
         }
@@ -95,6 +124,18 @@ impl Writer {
         self.live.asserts_liveliness = false;
         self.heartbeats.sent_to_all();
         self.release();
+    }
+
+    /// Puts a HEARTBEAT_FRAG, where one is due, into a datagram of its own: fragments fill theirs. Gives whether it did.
+    fn announce_fragments(&mut self, packet: &mut Packet<'_>) -> bool {
+        if !self.has_reliable_readers() {
+            return false;
+        }
+        let Some((sequence, last_fragment)) = self.live.fragments_to_announce() else {
+            return false;
+        };
+        packet.heartbeat_frag(sequence, last_fragment, self.heartbeats.next_count());
+        true
     }
 
     fn fill_changes(&mut self, now: Instant, packet: &mut Packet<'_>) {

@@ -204,7 +204,9 @@ impl Writer {
     /// A reader says which fragments of a change it lacks.
     pub fn handle_nack_frag(&mut self, now: Instant, reader: Guid, nack: &NackFrag) {
         if let Some(proxy) = self.readers.get_mut(&reader) {
-            proxy.handle_nack_frag(now, nack, self.live.end(), &self.config.timing);
+            let last = nack.missing.iter().last().unwrap_or_default();
+            let is_sent = self.live.has_sent(nack.sequence, last);
+            proxy.handle_nack_frag(now, nack, is_sent, &self.config.timing);
             self.enqueue(now, reader);
         }
     }

@@ -2,8 +2,8 @@
 
 use crate::history::CacheChange;
 use crate::wire::{
-    Data, DataFragment, EntityId, Gap, Guid, HEADER_LEN, Heartbeat, InlineQos, MessageWriter,
-    SequenceNumber, SequenceNumberSet, Timestamp,
+    Data, DataFragment, EntityId, Gap, Guid, HEADER_LEN, Heartbeat, HeartbeatFrag, InlineQos,
+    MessageWriter, SequenceNumber, SequenceNumberSet, Timestamp,
 };
 
 use super::Position;
@@ -176,6 +176,22 @@ impl<'a> Packet<'a> {
             reader: self.reader,
             writer: self.layout.writer.entity,
             ..heartbeat
+        });
+    }
+
+    /// Appends a HEARTBEAT_FRAG.
+    pub(super) fn heartbeat_frag(
+        &mut self,
+        sequence: SequenceNumber,
+        last_fragment: u32,
+        count: i32,
+    ) {
+        self.message.heartbeat_frag(&HeartbeatFrag {
+            reader: self.reader,
+            writer: self.layout.writer.entity,
+            sequence,
+            last_fragment,
+            count,
         });
     }
 

@@ -118,11 +118,10 @@ impl ReaderProxy {
         &mut self,
         now: Instant,
         nack: &NackFrag,
-        end: SequenceNumber,
+        is_sent: bool,
         timing: &WriterTiming,
     ) {
-        // A change that is being sent will be followed by a HEARTBEAT that asks for what is missing then.
-        let is_sent = nack.sequence < end;
+        // What is still to be sent will be followed by a HEARTBEAT that asks for what is missing then.
         if self.is_reliable && self.nack_frag_count.accept(now, nack.count) && is_sent {
             self.outbox
                 .request_fragments(now, nack.sequence, nack.missing, timing);
