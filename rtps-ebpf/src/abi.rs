@@ -5,10 +5,19 @@
 //! `docs/abi.md`. A change of anything here raises [`ABI_VERSION`], which is part of the name of
 //! the folder where maps and programs are pinned, so that two versions never share a map.
 
+mod discovery;
+
+pub use discovery::{
+    Announcement, BUDGET_ALL, BUDGET_NEW, BUDGET_STRANGERS, BUDGETS, BUILTIN_WRITERS,
+    BuiltinWriter, Interface, PARTICIPANT_MESSAGES, PEER_ADDRESSES, PEER_ANY_ADDRESS, PEER_PROVEN,
+    PEER_SUPERVISED, PUBLICATIONS, Peer, RemoteReader, RemoteWriter, SUBMESSAGE_BYTES,
+    SUBSCRIPTIONS, Sample, SampleKey, WRITER_FRAGMENTED, WRITER_INCOMPLETE,
+};
+
 use crate::entity::GuidPrefix;
 
 /// The version of everything in this module.
-pub const ABI_VERSION: u32 = 1;
+pub const ABI_VERSION: u32 = 2;
 
 /// Names of maps and programs, the same in the object and under the pin folder.
 pub mod name {
@@ -28,18 +37,57 @@ pub mod name {
     pub const BELLS: &str = "bells";
     /// `ArrayOfMaps[SLOTS]`; each inner map is a ring buffer of any size.
     pub const RINGS: &str = "rings";
-    /// `Hash` from [`GuidPrefix`](crate::entity::GuidPrefix) to [`Peer`](super::Peer).
+    /// `Hash` from [`GuidPrefix`](crate::entity::GuidPrefix) to [`Peer`](super::Peer): the remote
+    /// participants that rtpsd has accepted.
     pub const PEERS: &str = "peers";
+    /// `LruHash` of the same shape: those that only the kernel knows, so that a flood of inventions
+    /// pushes out nothing but inventions.
+    pub const STRANGERS: &str = "strangers";
+    /// `LruHash` from source address (16 bytes, IPv4 mapped) to the time (`u64`) until which its
+    /// budget of strangers is spent.
+    pub const SOURCES: &str = "sources";
+    /// `Array[BUDGETS]` of `u64`: until when each common budget is spent.
+    pub const BUDGETS: &str = "budgets";
+    /// `Hash` from interface index (`u32`) to [`Interface`](super::Interface): where the kernel may
+    /// answer.
+    pub const INTERFACES: &str = "interfaces";
+    /// `Array[DOMAINS]` of [`Announcement`](super::Announcement).
+    pub const ANNOUNCEMENTS: &str = "announcements";
+    /// `Array[DOMAINS * BUILTIN_WRITERS]` of [`BuiltinWriter`](super::BuiltinWriter).
+    pub const WRITERS: &str = "writers";
+    /// `Hash` from [`SampleKey`](super::SampleKey) to [`Sample`](super::Sample).
+    pub const SAMPLES: &str = "samples";
+    /// `RingBuf`: what rtpsd has to know of discovery, as records like those of the apps' rings.
+    pub const NEWS: &str = "news";
     /// `PerCpuHash` from interface index (`u32`) to `[u64; Counter::COUNT]`; key 0 takes the rest.
     pub const COUNTERS: &str = "counters";
     /// Every map, in the order above.
-    pub const MAPS: [&str; 10] = [
-        CONFIG, DOMAINS, PORTS, ADDRESSES, ROUTES, APPS, BELLS, RINGS, PEERS, COUNTERS,
+    pub const MAPS: [&str; 18] = [
+        CONFIG,
+        DOMAINS,
+        PORTS,
+        ADDRESSES,
+        ROUTES,
+        APPS,
+        BELLS,
+        RINGS,
+        PEERS,
+        STRANGERS,
+        SOURCES,
+        BUDGETS,
+        INTERFACES,
+        ANNOUNCEMENTS,
+        WRITERS,
+        SAMPLES,
+        NEWS,
+        COUNTERS,
     ];
     /// The XDP program.
     pub const XDP_PROGRAM: &str = "rtps_xdp";
     /// The filter for the layer's own UDP sockets.
     pub const FILTER_PROGRAM: &str = "rtps_filter";
+    /// The tc program on ingress, which decides on discovery messages and answers them.
+    pub const INGRESS_PROGRAM: &str = "rtps_ingress";
 }
 
 /// Slots of apps; slot 0 stands for rtpsd and the built-in entities.
@@ -54,8 +102,16 @@ pub const ADDRESSES: u32 = 1024;
 pub const ROUTES: u32 = 65_536;
 /// Remote participants in the `peers` map.
 pub const PEERS: u32 = 8_192;
-/// Interfaces with counters of their own.
+/// Participants that only the kernel knows.
+pub const STRANGERS: u32 = 4_096;
+/// Addresses that strangers come from.
+pub const SOURCES: u32 = 4_096;
+/// Interfaces with counters of their own, and interfaces where the kernel may answer.
 pub const INTERFACES: u32 = 64;
+/// Samples of the built-in writers of all domains.
+pub const SAMPLES: u32 = 65_536;
+/// Bytes of the ring with the news for rtpsd.
+pub const NEWS_BYTES: usize = 4 << 20;
 /// Submessages that the layer looks at in one message. A datagram has room for some 16,000 empty
 /// ones; real senders pack a few hundred.
 pub const MAX_SUBMESSAGES: u32 = 4_096;
@@ -71,8 +127,10 @@ pub struct RecordHeader {
     pub ifindex: u32,
     /// Index into `domains`, not the domain id.
     pub domain_index: u32,
-    /// Who delivered: [`HOOK_XDP`] or [`HOOK_FILTER`].
-    pub hook: u16,
+    /// Who delivered: [`HOOK_XDP`], [`HOOK_FILTER`] or [`HOOK_INGRESS`].
+    pub hook: u8,
+    /// [`RECORD_ANSWERED`] or 0.
+    pub flags: u8,
     /// UDP port that the message came from.
     pub source_port: u16,
     /// Address that the message came from, IPv4 as `::ffff:a.b.c.d`.
@@ -82,12 +140,18 @@ pub struct RecordHeader {
 }
 
 /// [`RecordHeader::hook`]: delivered by the XDP program.
-pub const HOOK_XDP: u16 = 1;
+pub const HOOK_XDP: u8 = 1;
 /// [`RecordHeader::hook`]: delivered by the socket filter.
-pub const HOOK_FILTER: u16 = 2;
+pub const HOOK_FILTER: u8 = 2;
+/// [`RecordHeader::hook`]: delivered by the tc program on ingress.
+pub const HOOK_INGRESS: u8 = 3;
 
-/// `config`: written once by rtpsd, when everything else is in place. The programs leave every
-/// packet alone until it holds their own version.
+/// [`RecordHeader::flags`]: the kernel has answered what the message asks of the built-in endpoints
+/// (HEARTBEAT, ACKNACK, the announcement of an unknown participant), or need not.
+pub const RECORD_ANSWERED: u8 = 1;
+
+/// `config`: first written by rtpsd when everything else is in place, then now and then as a sign of
+/// its life. The programs leave every packet alone until it holds their own version.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Config {
@@ -95,7 +159,19 @@ pub struct Config {
     pub abi_version: u32,
     /// [`DOORBELL_RING`] or [`DOORBELL_PACKET`].
     pub doorbell: u32,
+    /// [`DISCOVERY_USER`] or [`DISCOVERY_KERNEL`].
+    pub discovery: u32,
+    /// Not 0: what names a known participant as its sender is taken from any address.
+    pub any_source: u32,
+    /// CLOCK_MONOTONIC, in nanoseconds, until when the kernel may answer in rtpsd's name: half a
+    /// lease after rtpsd's last sign of life, for a dead host must not look alive.
+    pub answer_until_ns: u64,
 }
+
+/// [`Config::discovery`]: rtpsd reads all discovery messages from its sockets, and answers them.
+pub const DISCOVERY_USER: u32 = 0;
+/// [`Config::discovery`]: the kernel keeps what is known, answers, and tells rtpsd the news.
+pub const DISCOVERY_KERNEL: u32 = 1;
 
 /// [`Config::doorbell`]: a sleeping app is always woken by its ring's own notification.
 pub const DOORBELL_RING: u32 = 0;
@@ -111,6 +187,12 @@ pub struct Domain {
     pub guid_prefix: GuidPrefix,
     /// The domain id.
     pub domain_id: u32,
+    /// CLOCK_MONOTONIC, in nanoseconds, that counts in HEARTBEATs and ACKNACKs begin at.
+    pub count_base_ns: u64,
+    /// The most bytes of UDP payload in an answer.
+    pub datagram_size: u32,
+    /// The host's metatraffic unicast port, where answers come from.
+    pub metatraffic_port: u32,
 }
 
 /// `ports`: a UDP port that the layer owns in this network namespace.
@@ -119,7 +201,7 @@ pub struct Domain {
 pub struct PortConfig {
     /// Index into `domains`, not the domain id.
     pub domain_index: u16,
-    /// [`PORT_UNICAST`] or [`PORT_MULTICAST`].
+    /// [`PORT_UNICAST`], [`PORT_MULTICAST`] or [`PORT_METATRAFFIC`].
     pub kind: u16,
 }
 
@@ -128,6 +210,8 @@ pub const PORT_UNICAST: u16 = 0;
 /// [`PortConfig::kind`]: shared with other DDS stacks of this host; only the socket filter, which
 /// sees the layer's own copy, acts on it.
 pub const PORT_MULTICAST: u16 = 1;
+/// [`PortConfig::kind`]: as [`PORT_UNICAST`], for discovery: XDP leaves it to the tc program.
+pub const PORT_METATRAFFIC: u16 = 2;
 
 /// `apps`: an attached app.
 #[repr(C)]
@@ -163,23 +247,13 @@ pub struct Bell {
     pub reserved: [u32; 15],
 }
 
-/// `peers`: a remote participant; rtpsd inserts and removes it, the kernel renews it.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Peer {
-    /// CLOCK_MONOTONIC, in nanoseconds, of the last valid message that named this prefix as its
-    /// sender.
-    pub last_seen_ns: u64,
-}
-
 const _: () = {
     assert!(size_of::<RecordHeader>() == 40 && align_of::<RecordHeader>() == 8);
-    assert!(size_of::<Config>() == 8);
-    assert!(size_of::<Domain>() == 16);
+    assert!(size_of::<Config>() == 24);
+    assert!(size_of::<Domain>() == 32);
     assert!(size_of::<PortConfig>() == 4);
     assert!(size_of::<App>() == 16);
     assert!(size_of::<Bell>() == 64);
-    assert!(size_of::<Peer>() == 8);
 };
 
 /// Sizes of ring records, header included: the verifier wants constants, so a message takes the

@@ -42,10 +42,14 @@ counters! {
     PassNotOurPort => "pass_not_our_port",
     /// Passed: an address that is not this host's, so the packet is on its way elsewhere.
     PassNotOurAddress => "pass_not_our_address",
-    /// Passed by XDP to the socket filter: concerns rtpsd, too.
+    /// Passed by XDP: concerns the built-in endpoints, too.
     PassBuiltIn => "pass_built_in",
+    /// Passed by XDP, unseen: to the port for discovery.
+    PassMetatraffic => "pass_metatraffic",
     /// RTPS messages that XDP looked at.
     XdpMessages => "xdp_messages",
+    /// RTPS messages that the tc program took from the stack, and decided on.
+    IngressMessages => "ingress_messages",
     /// RTPS messages that the socket filter looked at.
     FilterMessages => "filter_messages",
     /// Messages that the socket filter let into rtpsd's socket.
@@ -68,8 +72,40 @@ counters! {
     DropUnroutable => "drop_unroutable",
     /// Dropped: addressed by INFO_DST to other participants only.
     DropForeignDestination => "drop_foreign_destination",
+    /// Dropped: names a known participant as its sender, but comes from another address.
+    DropForeignSource => "drop_foreign_source",
+    /// Kept out of rtpsd's socket: the tc program has decided on it.
+    DropHandled => "drop_handled",
+    /// Kept out of rtpsd's socket: this host's own message, come back.
+    DropOwn => "drop_own",
     /// Dropped: malformed before any valid part concerned anybody; the reason is counted as well.
     DropMalformed => "drop_malformed",
+    /// Discovery messages that said nothing new, to which rtpsd was not woken.
+    DiscoveryQuiet => "discovery_quiet",
+    /// Discovery messages of participants that are not known, and did not announce themselves.
+    DiscoveryUnknown => "discovery_unknown",
+    /// Discovery messages that rtpsd was told.
+    DiscoveryNews => "discovery_news",
+    /// Discovery messages lost because rtpsd has not read earlier ones; nothing of them is acknowledged.
+    LostNewsFull => "lost_news_full",
+    /// Participants that the kernel has come to know, and told rtpsd.
+    Strangers => "strangers",
+    /// Announcements of unknown participants not looked at: too many in all, or from one address.
+    BudgetNew => "budget_new",
+    /// Answers not sent: too many bytes to one participant.
+    BudgetPeer => "budget_peer",
+    /// Answers not sent: too many bytes to participants that only the kernel knows.
+    BudgetStrangers => "budget_strangers",
+    /// Answers not sent: too many bytes in all.
+    BudgetAll => "budget_all",
+    /// Datagrams sent in answer.
+    Answers => "answers",
+    /// Bytes of RTPS messages in those.
+    AnswerBytes => "answer_bytes",
+    /// Datagrams in answer that could not be sent.
+    LostAnswers => "lost_answers",
+    /// Multicast that could not be put back after it was answered, so that nobody else gets it.
+    LostOriginal => "lost_original",
     /// Shorter than an RTPS header.
     TooShort => "malformed_too_short",
     /// Does not begin with "RTPS".

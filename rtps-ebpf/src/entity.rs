@@ -1,5 +1,7 @@
 //! GUIDs and entity ids as they stand on the wire (RTPS 2.5, 9.3.1).
 
+use crate::abi::{PARTICIPANT_MESSAGES, PUBLICATIONS, SUBSCRIPTIONS};
+
 /// The 12 bytes that all entities of one participant share.
 pub type GuidPrefix = [u8; 12];
 
@@ -11,6 +13,43 @@ pub type Guid = [u8; 16];
 
 /// No entity in particular: every matched one.
 pub const ENTITY_ID_UNKNOWN: EntityId = [0; 4];
+
+/// SPDPbuiltinParticipantWriter.
+pub const SPDP_WRITER: EntityId = [0, 1, 0, 0xc2];
+/// SEDPbuiltinPublicationsWriter.
+pub const SEDP_PUBLICATIONS_WRITER: EntityId = [0, 0, 3, 0xc2];
+/// SEDPbuiltinPublicationsReader.
+pub const SEDP_PUBLICATIONS_READER: EntityId = [0, 0, 3, 0xc7];
+/// SEDPbuiltinSubscriptionsWriter.
+pub const SEDP_SUBSCRIPTIONS_WRITER: EntityId = [0, 0, 4, 0xc2];
+/// SEDPbuiltinSubscriptionsReader.
+pub const SEDP_SUBSCRIPTIONS_READER: EntityId = [0, 0, 4, 0xc7];
+/// BuiltinParticipantMessageWriter.
+pub const PARTICIPANT_MESSAGE_WRITER: EntityId = [0, 2, 0, 0xc2];
+/// BuiltinParticipantMessageReader.
+pub const PARTICIPANT_MESSAGE_READER: EntityId = [0, 2, 0, 0xc7];
+
+/// The number of a reliable built-in writer.
+#[inline(always)]
+pub const fn builtin_writer(entity: EntityId) -> Option<u32> {
+    match entity {
+        SEDP_PUBLICATIONS_WRITER => Some(PUBLICATIONS),
+        SEDP_SUBSCRIPTIONS_WRITER => Some(SUBSCRIPTIONS),
+        PARTICIPANT_MESSAGE_WRITER => Some(PARTICIPANT_MESSAGES),
+        _ => None,
+    }
+}
+
+/// The number of the writer whose topic a built-in reader reads.
+#[inline(always)]
+pub const fn builtin_reader(entity: EntityId) -> Option<u32> {
+    match entity {
+        SEDP_PUBLICATIONS_READER => Some(PUBLICATIONS),
+        SEDP_SUBSCRIPTIONS_READER => Some(SUBSCRIPTIONS),
+        PARTICIPANT_MESSAGE_READER => Some(PARTICIPANT_MESSAGES),
+        _ => None,
+    }
+}
 
 /// Both bits set in an entityKind: an entity that the standard defines.
 const BUILT_IN_KIND: u8 = 0xc0;

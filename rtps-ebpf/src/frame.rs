@@ -1,4 +1,4 @@
-//! Ethernet, IP and UDP, as far as it takes to find a unicast RTPS message for this host.
+//! Ethernet, IP and UDP, as far as it takes to find an RTPS message for this host.
 //!
 //! Whatever is unusual here is left to the kernel's own stack, under a counter that says why.
 
@@ -11,10 +11,13 @@ const ETHERTYPE_IPV4: u16 = 0x0800;
 const ETHERTYPE_IPV6: u16 = 0x86dd;
 const ETHERTYPE_VLAN: u16 = 0x8100;
 const ETHERTYPE_SERVICE_VLAN: u16 = 0x88a8;
-const PROTOCOL_UDP: u8 = 17;
+/// The IP protocol number of UDP.
+pub const PROTOCOL_UDP: u8 = 17;
 const IPV6_FRAGMENT_HEADER: u8 = 44;
-const IPV4_MIN_LEN: u32 = 20;
-const IPV6_LEN: u32 = 40;
+/// Bytes of an IPv4 header without options.
+pub const IPV4_MIN_LEN: u32 = 20;
+/// Bytes of an IPv6 header.
+pub const IPV6_LEN: u32 = 40;
 /// More-fragments flag and fragment offset.
 const IPV4_FRAGMENT_MASK: u16 = 0x3fff;
 
@@ -34,6 +37,10 @@ pub struct Datagram {
     pub destination: [u8; 16],
     /// Whether it came over IPv4, so that its UDP checksum may be left out.
     pub ipv4: bool,
+    /// Whether it is for a group, or for everyone.
+    pub multicast: bool,
+    /// Offset of the IP header in the frame.
+    pub ip: u32,
     /// Offset of the UDP header in the frame.
     pub udp: u32,
     /// The UDP header.
@@ -56,16 +63,17 @@ struct Ip {
     source: [u8; 16],
     destination: [u8; 16],
     ipv4: bool,
+    multicast: bool,
     /// Offset of the IP payload in the frame.
     payload: u32,
     /// Length of the IP payload.
     len: u32,
 }
 
-/// Finds the UDP datagram in an Ethernet frame; what is not one, whole and unicast, comes back as
-/// the counter under which it is passed on.
+/// Finds the UDP datagram in an Ethernet frame; what is not a whole one comes back as the counter
+/// under which it is passed on.
 #[inline(always)]
-pub fn unicast_datagram(frame: &(impl Bytes + ?Sized)) -> Result<Datagram, Counter> {
+pub fn datagram(frame: &(impl Bytes + ?Sized)) -> Result<Datagram, Counter> {
     let (ethertype, offset) = network_header(frame).ok_or(Counter::PassNotIp)?;
     let ip = match ethertype {
         ETHERTYPE_IPV4 => ipv4(frame, offset)?,
@@ -80,6 +88,8 @@ pub fn unicast_datagram(frame: &(impl Bytes + ?Sized)) -> Result<Datagram, Count
         source: ip.source,
         destination: ip.destination,
         ipv4: ip.ipv4,
+        multicast: ip.multicast,
+        ip: offset,
         udp: ip.payload,
         ports,
     })
@@ -159,14 +169,12 @@ fn ipv4(frame: &(impl Bytes + ?Sized), offset: u32) -> Result<Ip, Counter> {
     if u16::from_be_bytes([f0, f1]) & IPV4_FRAGMENT_MASK != 0 {
         return Err(Counter::PassFragment);
     }
-    // 224.0.0.0/4, and the broadcast address; a subnet's broadcast is no address of ours.
-    if d0 >> 4 == 0xe || [d0, d1, d2, d3] == [0xff; 4] {
-        return Err(Counter::PassMulticast);
-    }
     Ok(Ip {
         source: mapped([s0, s1, s2, s3]),
         destination: mapped([d0, d1, d2, d3]),
         ipv4: true,
+        // 224.0.0.0/4, and the broadcast address; a subnet's broadcast is no address of ours.
+        multicast: d0 >> 4 == 0xe || [d0, d1, d2, d3] == [0xff; 4],
         payload: offset + header_len,
         len: total - header_len,
     })
@@ -190,13 +198,11 @@ fn ipv6(frame: &(impl Bytes + ?Sized), offset: u32) -> Result<Ip, Counter> {
         IPV6_FRAGMENT_HEADER => return Err(Counter::PassFragment),
         _ => return Err(Counter::PassNotUdp),
     }
-    if destination[0] == 0xff {
-        return Err(Counter::PassMulticast);
-    }
     Ok(Ip {
         source,
         destination,
         ipv4: false,
+        multicast: destination[0] == 0xff,
         payload: offset + IPV6_LEN,
         len: u32::from(u16::from_be_bytes([l0, l1])),
     })

@@ -16,6 +16,7 @@ extern crate std;
 pub mod abi;
 pub mod bytes;
 pub mod counter;
+pub mod discovery;
 pub mod entity;
 pub mod frame;
 mod number_set;
@@ -23,6 +24,7 @@ mod number_set;
 mod object;
 #[cfg(feature = "object")]
 mod pod;
+pub mod reply;
 mod slot_set;
 mod submessage;
 pub mod walk;

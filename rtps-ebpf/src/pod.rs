@@ -3,7 +3,10 @@
 
 use crate::{
     SlotSet,
-    abi::{App, Bell, Config, Domain, Peer, PortConfig, RecordHeader},
+    abi::{
+        Announcement, App, Bell, BuiltinWriter, Config, Domain, Interface, Peer, PortConfig,
+        RecordHeader, Sample, SampleKey,
+    },
 };
 
 macro_rules! pod {
@@ -16,12 +19,17 @@ macro_rules! pod {
 }
 
 pod!(
+    Announcement,
     App,
     Bell,
+    BuiltinWriter,
     Config,
     Domain,
+    Interface,
     Peer,
     PortConfig,
     RecordHeader,
+    Sample,
+    SampleKey,
     SlotSet
 );

@@ -10,30 +10,31 @@ use crate::{
 };
 
 /// submessageId of the submessages that this module knows.
-mod id {
-    pub(super) const PAD: u8 = 0x01;
-    pub(super) const ACKNACK: u8 = 0x06;
-    pub(super) const HEARTBEAT: u8 = 0x07;
-    pub(super) const GAP: u8 = 0x08;
-    pub(super) const INFO_TS: u8 = 0x09;
-    pub(super) const INFO_SRC: u8 = 0x0c;
-    pub(super) const INFO_REPLY_IP4: u8 = 0x0d;
-    pub(super) const INFO_DST: u8 = 0x0e;
-    pub(super) const INFO_REPLY: u8 = 0x0f;
-    pub(super) const NACK_FRAG: u8 = 0x12;
-    pub(super) const HEARTBEAT_FRAG: u8 = 0x13;
-    pub(super) const DATA: u8 = 0x15;
-    pub(super) const DATA_FRAG: u8 = 0x16;
+pub(crate) mod id {
+    pub(crate) const PAD: u8 = 0x01;
+    pub(crate) const ACKNACK: u8 = 0x06;
+    pub(crate) const HEARTBEAT: u8 = 0x07;
+    pub(crate) const GAP: u8 = 0x08;
+    pub(crate) const INFO_TS: u8 = 0x09;
+    pub(crate) const INFO_SRC: u8 = 0x0c;
+    pub(crate) const INFO_REPLY_IP4: u8 = 0x0d;
+    pub(crate) const INFO_DST: u8 = 0x0e;
+    pub(crate) const INFO_REPLY: u8 = 0x0f;
+    pub(crate) const NACK_FRAG: u8 = 0x12;
+    pub(crate) const HEARTBEAT_FRAG: u8 = 0x13;
+    pub(crate) const DATA: u8 = 0x15;
+    pub(crate) const DATA_FRAG: u8 = 0x16;
 }
 
 /// Flags in a submessage header; the meaning of a bit depends on the submessage.
-mod flag {
-    pub(super) const LITTLE_ENDIAN: u8 = 0x01;
-    pub(super) const INLINE_QOS: u8 = 0x02;
-    pub(super) const DATA: u8 = 0x04;
-    pub(super) const KEY: u8 = 0x08;
-    pub(super) const INVALIDATE: u8 = 0x02;
-    pub(super) const MULTICAST: u8 = 0x02;
+pub(crate) mod flag {
+    pub(crate) const LITTLE_ENDIAN: u8 = 0x01;
+    pub(crate) const INLINE_QOS: u8 = 0x02;
+    pub(crate) const DATA: u8 = 0x04;
+    pub(crate) const KEY: u8 = 0x08;
+    pub(crate) const INVALIDATE: u8 = 0x02;
+    pub(crate) const FINAL: u8 = 0x02;
+    pub(crate) const MULTICAST: u8 = 0x02;
 }
 
 /// Bytes of a submessage header.
@@ -65,9 +66,9 @@ pub(crate) enum Meaning {
 /// One submessage: where its body lies, within bounds, and how to read it.
 #[derive(Clone, Copy)]
 pub(crate) struct Submessage {
-    id: u8,
-    flags: u8,
-    start: u32,
+    pub(crate) id: u8,
+    pub(crate) flags: u8,
+    pub(crate) start: u32,
     len: u32,
     /// Its header said 0: all that is left.
     to_end: bool,
@@ -103,6 +104,12 @@ impl Submessage {
     #[inline(always)]
     pub(crate) const fn end(&self) -> u32 {
         self.start + self.len
+    }
+
+    /// Flag F of HEARTBEAT and ACKNACK: no answer is needed.
+    #[inline(always)]
+    pub(crate) const fn is_final(&self) -> bool {
+        self.has(flag::FINAL)
     }
 
     /// Checks the fields and says what they mean.
@@ -372,12 +379,12 @@ impl Submessage {
     }
 
     #[inline(always)]
-    const fn has(&self, flag: u8) -> bool {
+    pub(crate) const fn has(&self, flag: u8) -> bool {
         self.flags & flag != 0
     }
 
     #[inline(always)]
-    const fn u16(&self, bytes: [u8; 2]) -> u16 {
+    pub(crate) const fn u16(&self, bytes: [u8; 2]) -> u16 {
         if self.has(flag::LITTLE_ENDIAN) {
             u16::from_le_bytes(bytes)
         } else {
@@ -386,7 +393,7 @@ impl Submessage {
     }
 
     #[inline(always)]
-    const fn u32(&self, bytes: [u8; 4]) -> u32 {
+    pub(crate) const fn u32(&self, bytes: [u8; 4]) -> u32 {
         if self.has(flag::LITTLE_ENDIAN) {
             u32::from_le_bytes(bytes)
         } else {
@@ -396,7 +403,7 @@ impl Submessage {
 
     /// A SequenceNumber_t: the high word comes first in both byte orders (9.3.2).
     #[inline(always)]
-    fn i64(&self, bytes: [u8; 8]) -> i64 {
+    pub(crate) fn i64(&self, bytes: [u8; 8]) -> i64 {
         let high = self.u32(part(&bytes, 0));
         let low = self.u32(part(&bytes, 4));
         i64::from(high) << 32 | i64::from(low)
@@ -405,7 +412,7 @@ impl Submessage {
 
 /// `M` of `N` bytes; `at` is a constant in every call and within bounds.
 #[inline(always)]
-const fn part<const N: usize, const M: usize>(bytes: &[u8; N], at: usize) -> [u8; M] {
+pub(crate) const fn part<const N: usize, const M: usize>(bytes: &[u8; N], at: usize) -> [u8; M] {
     let mut part = [0; M];
     let mut index = 0;
     while index < M {

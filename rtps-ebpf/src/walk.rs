@@ -16,11 +16,11 @@ use crate::{
 /// The header, the submessages, and the step that finds the end.
 pub const MAX_STEPS: u32 = MAX_SUBMESSAGES + 2;
 /// Bytes of an RTPS header: "RTPS", version, vendor, GUID prefix.
-const HEADER_LEN: u32 = 20;
+pub(crate) const HEADER_LEN: u32 = 20;
 const MAGIC: u32 = u32::from_be_bytes(*b"RTPS");
 const MAJOR_VERSION: u8 = 2;
 /// INFO_DST with this prefix: to everyone.
-const PREFIX_UNKNOWN: GuidPrefix = [0; 12];
+pub(crate) const PREFIX_UNKNOWN: GuidPrefix = [0; 12];
 /// The slot of rtpsd, which no app has.
 const DAEMON_SLOT: u8 = 0;
 
@@ -28,6 +28,13 @@ const DAEMON_SLOT: u8 = 0;
 pub trait Routes {
     /// Adds the slots of all apps with a reader that is matched with `writer`.
     fn add_readers(&self, writer: &Guid, slots: &mut SlotSet);
+
+    /// Whether the participant may have sent the datagram in hand, as far as its source address tells: one whose
+    /// addresses are known sends from these only.
+    #[inline(always)]
+    fn may_send(&self, _participant: &GuidPrefix) -> bool {
+        true
+    }
 }
 
 /// What a step came to.
@@ -55,6 +62,7 @@ pub struct Walk {
     /// INFO_DST named another participant.
     foreign: bool,
     skipped_foreign: bool,
+    foreign_source: bool,
     built_in: bool,
 }
 
@@ -70,6 +78,8 @@ pub struct Findings {
     pub built_in: bool,
     /// A valid submessage was for another participant.
     pub skipped_foreign: bool,
+    /// It names a known participant as its sender, which does not send from that address: nothing of it counts.
+    pub foreign_source: bool,
     /// Why only a part of the message is valid.
     pub malformed: Option<Reason>,
 }
@@ -87,6 +97,9 @@ impl Findings {
     /// Whom the message concerns, or the counter of what to drop it for.
     #[inline(always)]
     pub const fn concerned(&self) -> Result<Concerned, Counter> {
+        if self.foreign_source {
+            return Err(Counter::DropForeignSource);
+        }
         if self.built_in || !self.targets.is_empty() {
             return Ok(Concerned {
                 targets: self.targets,
@@ -113,6 +126,7 @@ impl Walk {
             offset: 0,
             foreign: false,
             skipped_foreign: false,
+            foreign_source: false,
             built_in: false,
         }
     }
@@ -121,7 +135,9 @@ impl Walk {
     #[inline(always)]
     pub fn step(&mut self, bytes: &(impl Bytes + ?Sized), routes: &impl Routes) -> Step {
         let taken = if self.offset == 0 {
-            self.header(bytes)
+            self.header(bytes, routes)
+        } else if self.foreign_source {
+            return Step::Done;
         } else if self.offset < bytes.len() {
             self.submessage(bytes, routes)
         } else {
@@ -138,6 +154,12 @@ impl Walk {
         &self.sender
     }
 
+    /// Where the valid part of the message ends, as far as the walk has got.
+    #[inline(always)]
+    pub const fn end(&self) -> u32 {
+        self.offset
+    }
+
     /// What there was, given how the walk ended.
     #[inline(always)]
     pub const fn findings(&self, malformed: Option<Reason>) -> Findings {
@@ -145,13 +167,18 @@ impl Walk {
             targets: self.targets,
             built_in: self.built_in,
             skipped_foreign: self.skipped_foreign,
+            foreign_source: self.foreign_source,
             malformed,
         }
     }
 
     /// RTPS 2.5, 8.3.5.
     #[inline(always)]
-    fn header(&mut self, bytes: &(impl Bytes + ?Sized)) -> Result<(), Reason> {
+    fn header(
+        &mut self,
+        bytes: &(impl Bytes + ?Sized),
+        routes: &impl Routes,
+    ) -> Result<(), Reason> {
         let Some(header) = bytes.load::<{ HEADER_LEN as usize }>(0) else {
             return Err(Reason::TooShort);
         };
@@ -162,8 +189,8 @@ impl Walk {
         if major != MAJOR_VERSION {
             return Err(Reason::BadVersion);
         }
-        self.source = prefix;
         self.sender = prefix;
+        self.comes_from(prefix, routes);
         self.offset = HEADER_LEN;
         Ok(())
     }
@@ -184,7 +211,7 @@ impl Walk {
     fn follow(&mut self, meaning: Meaning, routes: &impl Routes) {
         match meaning {
             Meaning::Other => {}
-            Meaning::Source(prefix) => self.source = prefix,
+            Meaning::Source(prefix) => self.comes_from(prefix, routes),
             Meaning::Destination(prefix) => {
                 self.foreign = prefix != PREFIX_UNKNOWN && prefix != self.own;
             }
@@ -197,6 +224,13 @@ impl Walk {
             Meaning::ToReader { reader, .. } => self.direct(reader),
             Meaning::ToWriter(writer) => self.direct(writer),
         }
+    }
+
+    /// What follows names `participant` as its source.
+    #[inline(always)]
+    fn comes_from(&mut self, participant: GuidPrefix, routes: &impl Routes) {
+        self.source = participant;
+        self.foreign_source |= !routes.may_send(&participant);
     }
 
     /// From `writer` to whoever reads from it.

@@ -5,9 +5,11 @@
 //! time (see the tests), and the kernel layer and the in-process layer run the very same code.
 #![forbid(unsafe_code)]
 
+mod count;
 pub mod discovery;
 pub mod endpoints;
 pub mod history;
+pub mod ipv6;
 pub mod layer;
 pub mod qos;
 pub mod reader;
@@ -16,5 +18,6 @@ mod transmit;
 pub mod wire;
 pub mod writer;
 
+pub use count::CountClock;
 pub use remote::RemoteEndpoint;
 pub use transmit::Transmit;

@@ -83,6 +83,9 @@ static dds_qos_t *endpoint_qos(void)
     dds_qset_writer_data_lifecycle(qos, false);
     if (options.deadline_ms != 0)
         dds_qset_deadline(qos, DDS_MSECS((dds_duration_t)options.deadline_ms));
+    if (options.liveliness_ms != 0)
+        dds_qset_liveliness(qos, DDS_LIVELINESS_AUTOMATIC,
+                            DDS_MSECS((dds_duration_t)options.liveliness_ms));
     dds_data_representation_id_t representation =
         options.xcdr == 2 ? DDS_DATA_REPRESENTATION_XCDR2 : DDS_DATA_REPRESENTATION_XCDR1;
     dds_qset_data_representation(qos, 1, &representation);

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cstdlib>
+#include <cstring>
 #include <map>
 #include <memory>
 
@@ -19,10 +20,13 @@
 #include <fastdds/dds/subscriber/Subscriber.hpp>
 #include <fastdds/dds/topic/Topic.hpp>
 #include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
+#include <fastdds/rtps/transport/UDPv6TransportDescriptor.h>
 #include <fastrtps/utils/IPLocator.h>
 
 using namespace eprosima::fastdds::dds;
+using eprosima::fastdds::rtps::UDPTransportDescriptor;
 using eprosima::fastdds::rtps::UDPv4TransportDescriptor;
+using eprosima::fastdds::rtps::UDPv6TransportDescriptor;
 using eprosima::fastrtps::Duration_t;
 using eprosima::fastrtps::rtps::InstanceHandle_t;
 using eprosima::fastrtps::rtps::IPLocator;
@@ -76,23 +80,37 @@ void print_policy(uint32_t id)
     peer_print_policy(name != nullptr ? name : "UNKNOWN");
 }
 
+bool is_ipv6(const char* address)
+{
+    return address != nullptr && std::strchr(address, ':') != nullptr;
+}
+
 DomainParticipantQos participant_qos()
 {
     DomainParticipantQos qos;
     // UDP only: by default two processes of one host would talk through shared memory.
-    auto udp = std::make_shared<UDPv4TransportDescriptor>();
+    std::shared_ptr<UDPTransportDescriptor> udp;
+    if (is_ipv6(options.interface))
+        udp = std::make_shared<UDPv6TransportDescriptor>();
+    else
+        udp = std::make_shared<UDPv4TransportDescriptor>();
     if (options.interface != nullptr)
         udp->interfaceWhiteList.emplace_back(options.interface);
     qos.transport().use_builtin_transports = false;
     qos.transport().user_transports.push_back(udp);
     auto& builtin = qos.wire_protocol().builtin;
     Locator_t locator;
+    if (is_ipv6(options.interface))
+        locator.kind = LOCATOR_KIND_UDPv6;
     if (!options.multicast) {
         // A unicast locator of our own keeps the library from adding the multicast group.
         builtin.metatrafficUnicastLocatorList.push_back(locator);
     }
     if (options.peer != nullptr) {
-        IPLocator::setIPv4(locator, std::string(options.peer));
+        if (is_ipv6(options.peer))
+            IPLocator::setIPv6(locator, std::string(options.peer));
+        else
+            IPLocator::setIPv4(locator, std::string(options.peer));
         builtin.initialPeersList.push_back(locator);
     }
     return qos;
@@ -118,6 +136,11 @@ template <typename Qos> Qos endpoint_qos(Qos qos)
     qos.resource_limits().max_samples_per_instance = 0;
     if (options.deadline_ms != 0)
         qos.deadline().period = Duration_t(static_cast<long double>(options.deadline_ms) / 1000);
+    if (options.liveliness_ms != 0) {
+        const long double lease = static_cast<long double>(options.liveliness_ms) / 1000;
+        qos.liveliness().lease_duration = Duration_t(lease);
+        qos.liveliness().announcement_period = Duration_t(lease / 2);
+    }
     qos.endpoint().history_memory_policy =
         eprosima::fastrtps::rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
     return qos;

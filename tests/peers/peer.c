@@ -36,7 +36,8 @@ static void usage(const char *program)
             "  --multicast on|off   discovery by multicast (on)\n"
             "  --peer ADDR          address to announce to\n"
             "  --interface I        network interface (Cyclone: name, Fast DDS: address)\n"
-            "  --deadline-ms D      deadline QoS (none)\n",
+            "  --deadline-ms D      deadline QoS (none)\n"
+            "  --liveliness-ms L    lease of AUTOMATIC liveliness (none)\n",
             program);
     exit(2);
 }
@@ -102,6 +103,7 @@ static const struct option long_options[] = {
     {"peer", required_argument, NULL, 'e'},
     {"interface", required_argument, NULL, 'I'},
     {"deadline-ms", required_argument, NULL, 'L'},
+    {"liveliness-ms", required_argument, NULL, 'A'},
     {NULL, 0, NULL, 0},
 };
 
@@ -132,6 +134,7 @@ static void apply(struct peer_options *options, int option, const char *program,
     case 'e': options->peer = value; break;
     case 'I': options->interface = value; break;
     case 'L': options->deadline_ms = number(program, value); break;
+    case 'A': options->liveliness_ms = number(program, value); break;
     default: usage(program);
     }
 }

@@ -35,6 +35,7 @@ struct peer_options {
     const char *peer;      /* address to announce to, NULL: none */
     const char *interface; /* name (Cyclone) or address (Fast DDS), NULL: the vendor's choice */
     uint64_t deadline_ms;  /* 0: no deadline */
+    uint64_t liveliness_ms; /* lease of AUTOMATIC liveliness, 0: infinite */
 };
 
 /* Reads the command line; prints the usage and exits with 2 when it cannot. */

@@ -66,7 +66,9 @@ pub fn workspace() -> &'static Path {
         .expect("tests is a folder of the workspace")
 }
 
-fn target_folder() -> PathBuf {
+/// Where cargo puts what it builds.
+#[must_use]
+pub fn target_folder() -> PathBuf {
     std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| workspace().join("target"), PathBuf::from)
 }
 

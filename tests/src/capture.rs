@@ -69,7 +69,7 @@ impl Capture {
         {
             bail!("tcpdump missed packets:\n{}", self.tcpdump.text());
         }
-        let packets = tshark(&self.file, "udp && !icmp && !icmpv6", FIELDS)?
+        let packets = tshark(&self.file, "udp && !icmp && !icmpv6", &[], FIELDS)?
             .lines()
             .map(|line| parse_packet(line).with_context(|| format!("tshark's line {line:?}")))
             .collect::<Result<_>>()?;
@@ -81,9 +81,15 @@ impl Capture {
 }
 
 /// The fields of the packets that match a display filter: a line each, separated by tabs.
-fn tshark(file: &TemporaryFile, filter: &str, fields: &[&str]) -> Result<String> {
+fn tshark(
+    file: &TemporaryFile,
+    filter: &str,
+    preferences: &[&str],
+    fields: &[&str],
+) -> Result<String> {
     let output = Command::new("tshark")
         .args(["-r".as_ref(), file.path.as_os_str()])
+        .args(preferences.iter().flat_map(|preference| ["-o", preference]))
         .args(["-Y", filter])
         .args(["-T", "fields", "-E", "separator=/t", "-E", "aggregator=,"])
         .args(fields.iter().flat_map(|field| ["-e", field]))
@@ -126,7 +132,24 @@ impl Decoded {
     /// # Errors
     /// When tshark fails, for example because of the filter.
     pub fn frames(&self, filter: &str) -> Result<usize> {
-        let lines = tshark(&self.file, filter, &["frame.number"])?;
+        let lines = tshark(&self.file, filter, &[], &["frame.number"])?;
+        Ok(lines.lines().count())
+    }
+
+    /// How many datagrams of this address have a wrong UDP checksum; none at all is right over IPv4. A link that leaves
+    /// checksums to the hardware of its ends, as veth does by default, carries wrong ones.
+    ///
+    /// # Errors
+    /// When tshark fails.
+    pub fn bad_checksums_from(&self, source: impl Into<IpAddr>) -> Result<usize> {
+        let source = match source.into() {
+            IpAddr::V4(address) => format!("ip.src == {address}"),
+            IpAddr::V6(address) => format!("ipv6.src == {address}"),
+        };
+        // Status 0 is bad.
+        let filter = format!("{source} && udp.checksum.status == 0");
+        let preferences = ["udp.check_checksum:TRUE"];
+        let lines = tshark(&self.file, &filter, &preferences, &["frame.number"])?;
         Ok(lines.lines().count())
     }
 

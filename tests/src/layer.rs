@@ -1,4 +1,4 @@
-//! The kernel layer of a host: rtpsd, started in a namespace and gone with the value.
+//! The layer under the apps of a host; the kernel layer is rtpsd, started in a namespace and gone with the value.
 
 use std::path::Path;
 use std::time::Duration;
@@ -14,6 +14,38 @@ use crate::process::Process;
 const START: Duration = Duration::from_secs(60);
 /// Disposing, detaching and unpinning take less.
 const STOP: Duration = Duration::from_secs(30);
+
+/// What the apps of a host stand on.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Layer {
+    /// The kernel layer as it is by default: the kernel answers discovery.
+    Kernel,
+    /// The kernel layer with discovery left to rtpsd.
+    UserDiscovery,
+    /// The in-process layer.
+    InProcess,
+}
+
+impl Layer {
+    /// As RTPS_LAYER takes it.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Kernel | Self::UserDiscovery => "kernel",
+            Self::InProcess => "in-process",
+        }
+    }
+
+    /// The arguments that rtpsd needs for it; none where there is no rtpsd.
+    #[must_use]
+    pub fn daemon_arguments(self) -> Option<&'static [&'static str]> {
+        match self {
+            Self::Kernel => Some(&[]),
+            Self::UserDiscovery => Some(&["--discovery", "user"]),
+            Self::InProcess => None,
+        }
+    }
+}
 
 /// A running rtpsd. Dropping it stops it cleanly, so that nothing stays attached or pinned.
 pub struct KernelLayer<'a> {

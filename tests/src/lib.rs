@@ -3,7 +3,8 @@
 //! - [`netns`], [`link`]: hosts made of network namespaces, joined by veth pairs or a bridge
 //! - [`loss`], [`pass_all`]: small BPF programs of our own that lose packets or let all pass
 //! - [`binaries`]: rtpsd and the examples of rtps-socket
-//! - [`layer`]: the kernel layer of a host
+//! - [`layer`]: what the apps of a host stand on, and the kernel layer
+//! - [`stage`], [`stream`]: two hosts with programs on them, and samples on their way, of which none may be missing
 //! - [`packet`]: frames and RTPS messages for the kernel verdict tables
 //! - [`process`]: child processes that end with the test
 //! - [`peers`]: publishers and subscribers on Cyclone DDS and Fast DDS
@@ -25,4 +26,6 @@ pub mod pass_all;
 pub mod peers;
 pub mod process;
 pub mod require;
+pub mod stage;
+pub mod stream;
 mod sys;

@@ -57,7 +57,7 @@ impl Veth {
     }
 }
 
-/// A host on a [`Bridge`].
+/// A host with one interface, like those of a [`Bridge`].
 #[derive(Debug)]
 pub struct Host {
     /// Its namespace.
@@ -97,6 +97,27 @@ impl Bridge {
         wait_running(&netns, &interface)?;
         Ok(Host { netns, interface })
     }
+}
+
+/// Joins two hosts by a new veth pair with the names and addresses of the one that they had.
+///
+/// # Errors
+/// When it is still there.
+pub fn join_again(a: &Host, b: &Host, mtu: u16) -> Result<()> {
+    add_veth(
+        &a.netns,
+        &a.interface.name,
+        &b.netns,
+        &b.interface.name,
+        mtu,
+    )?;
+    for host in [a, b] {
+        configure(&host.netns, host.interface.name.clone(), host.interface.v4)?;
+    }
+    for host in [a, b] {
+        wait_running(&host.netns, &host.interface)?;
+    }
+    Ok(())
 }
 
 fn add_veth(a: &Netns, name_a: &str, b: &Netns, name_b: &str, mtu: u16) -> Result<()> {

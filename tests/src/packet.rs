@@ -3,6 +3,8 @@
 //! Built by hand, little endian, so that a test can lie about any length or number. Lengths and
 //! offsets are in bytes, ports and IP fields in host order until they are written.
 
+use std::net::{IpAddr, SocketAddr};
+
 /// A GUID prefix.
 pub type Prefix = [u8; 12];
 /// An entity id.
@@ -14,6 +16,14 @@ pub const ANYBODY: Entity = [0; 4];
 pub const SPDP_WRITER: Entity = [0, 1, 0, 0xc2];
 /// The SPDP reader.
 pub const SPDP_READER: Entity = [0, 1, 0, 0xc7];
+
+/// Reader and writer of the built-in topics with reliable endpoints: publications, subscriptions,
+/// participant messages.
+pub const BUILTIN_TOPICS: [(Entity, Entity); 3] = [
+    ([0, 0, 3, 0xc7], [0, 0, 3, 0xc2]),
+    ([0, 0, 4, 0xc7], [0, 0, 4, 0xc2]),
+    ([0, 2, 0, 0xc7], [0, 2, 0, 0xc2]),
+];
 
 const ETHERNET: usize = 14;
 const LOCAL_EXPERIMENTAL: u16 = 0x88b5;
@@ -150,6 +160,56 @@ impl Message {
         )
     }
 
+    /// The announcement of a participant that receives discovery traffic at `locator`, and says `more`
+    /// bytes of something.
+    #[must_use]
+    pub fn announcement(self, prefix: Prefix, locator: SocketAddr, more: &[u8]) -> Self {
+        let (kind, address): (u8, _) = match locator.ip() {
+            IpAddr::V4(address) => (1, [&[0; 12][..], &address.octets()].concat()),
+            IpAddr::V6(address) => (2, address.octets().to_vec()),
+        };
+        let port = u32::from(locator.port()).to_le_bytes();
+        let locator = [&[kind, 0, 0, 0][..], &port, &address].concat();
+        let guid = [&prefix[..], &[0, 0, 1, 0xc1]].concat();
+        let payload = [
+            &[0, 3, 0, 0][..],
+            &parameter(0x50, &guid),
+            &parameter(0x32, &locator),
+            &parameter(0x2c, more),
+            &parameter(1, &[]),
+        ];
+        self.sample(SPDP_WRITER, 1, &payload.concat())
+    }
+
+    /// DATA to all readers of a writer.
+    #[must_use]
+    pub fn sample(self, writer: Entity, sequence: i64, payload: &[u8]) -> Self {
+        let fields: [&[u8]; 5] = [
+            &[0, 0, 16, 0],
+            &ANYBODY,
+            &writer,
+            &number(sequence),
+            payload,
+        ];
+        self.submessage(0x15, 4, &fields)
+    }
+
+    /// ACKNACK from a reader that has all below `base`, and asks for as many numbers as `bits`, at most
+    /// 32.
+    #[must_use]
+    pub fn request(self, (reader, writer): (Entity, Entity), base: i64, bits: u32) -> Self {
+        let mask = u32::MAX.checked_shl(32 - bits).unwrap_or(0);
+        let fields: [&[u8]; 6] = [
+            &reader,
+            &writer,
+            &number(base),
+            &bits.to_le_bytes(),
+            &mask.to_le_bytes(),
+            &[1, 0, 0, 0],
+        ];
+        self.submessage(0x06, 0, &fields)
+    }
+
     /// Bytes of no submessage.
     #[must_use]
     pub fn raw(mut self, bytes: &[u8]) -> Self {
@@ -179,8 +239,31 @@ impl Message {
     }
 }
 
-/// A SequenceNumber_t: high word first.
-fn number(value: i64) -> [u8; 8] {
+/// One submessage of a message: submessageId, and what follows its header.
+pub type Submessage<'a> = (u8, &'a [u8]);
+
+/// The submessages of a valid message in little endian.
+#[must_use]
+pub fn submessages(message: &[u8]) -> Vec<Submessage<'_>> {
+    let mut rest = message.get(20..).unwrap_or_default();
+    let mut found = Vec::new();
+    while let [id, _, a, b, body @ ..] = rest {
+        let len = usize::from(u16::from_le_bytes([*a, *b])).min(body.len());
+        let (body, behind) = body.split_at(len);
+        found.push((*id, body));
+        rest = behind;
+    }
+    found
+}
+
+fn parameter(id: u16, value: &[u8]) -> Vec<u8> {
+    let len = value.len() as u16;
+    [&id.to_le_bytes()[..], &len.to_le_bytes(), value].concat()
+}
+
+/// A SequenceNumber_t in little endian: high word first.
+#[must_use]
+pub fn number(value: i64) -> [u8; 8] {
     let [high, low] = [(value >> 32) as u32, value as u32].map(u32::to_le_bytes);
     let mut bytes = [0; 8];
     bytes[..4].copy_from_slice(&high);

@@ -41,6 +41,15 @@ pub fn fast_dds() -> Result<Peer> {
     Peer::build(Vendor::FastDds)
 }
 
+/// Cyclone DDS again: one participant with many endpoints that tells when all are matched, for measurements of
+/// discovery. Its command line is another one (`--help` prints it); its events are `ready`, `matched`, `error`.
+///
+/// # Errors
+/// Without a compiler or the library, with the command that installs them.
+pub fn cyclone_discovery() -> Result<Peer> {
+    Peer::build(Vendor::CycloneDiscovery)
+}
+
 impl Peer {
     /// The program's file.
     #[must_use]
@@ -62,8 +71,26 @@ impl Peer {
             .args(arguments.split_whitespace())
             .arg("--interface");
         match self.vendor {
-            Vendor::Cyclone => command.arg(&interface.name),
+            Vendor::Cyclone | Vendor::CycloneDiscovery => command.arg(&interface.name),
             Vendor::FastDds => command.arg(interface.v4.to_string()),
+        };
+        command
+    }
+
+    /// As [`Peer::command`], for a program that uses IPv6 and nothing else.
+    #[must_use]
+    pub fn command_over_ipv6(
+        &self,
+        netns: &Netns,
+        interface: &Interface,
+        arguments: &str,
+    ) -> Command {
+        const CYCLONE: &str = "<General><Transport>udp6</Transport></General>";
+        let mut command = self.command(netns, interface, arguments);
+        match self.vendor {
+            Vendor::Cyclone | Vendor::CycloneDiscovery => command.env("CYCLONEDDS_URI", CYCLONE),
+            // The last one counts.
+            Vendor::FastDds => command.args(["--interface", &interface.v6.to_string()]),
         };
         command
     }
@@ -73,8 +100,9 @@ impl Peer {
         let program = directory.join(vendor.name());
         let stamp = directory.join(format!("{}.stamp", vendor.name()));
         let wanted = vendor.fingerprint()?;
-        let is_current =
-            || program.exists() && fs::read_to_string(&stamp).is_ok_and(|built| built == wanted);
+        let is_current = || {
+            fs::read_to_string(&stamp).is_ok_and(|built| built == wanted) && is_runnable(&program)
+        };
         if !is_current() {
             fs::create_dir_all(&directory)?;
             let lock = File::create(directory.join("lock"))?;
@@ -97,6 +125,7 @@ impl Peer {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Vendor {
     Cyclone,
+    CycloneDiscovery,
     FastDds,
 }
 
@@ -104,6 +133,7 @@ impl Vendor {
     fn name(self) -> &'static str {
         match self {
             Self::Cyclone => "cyclone",
+            Self::CycloneDiscovery => "cyclone-discovery",
             Self::FastDds => "fastdds",
         }
     }
@@ -113,7 +143,7 @@ impl Vendor {
         const GXX: Package = Package::new("g++", "/usr/bin/g++");
         const LIBC: Package = Package::new("libc6-dev", "/usr/include/stdio.h");
         match self {
-            Self::Cyclone => {
+            Self::Cyclone | Self::CycloneDiscovery => {
                 &const {
                     [
                         GCC,
@@ -143,6 +173,7 @@ impl Vendor {
     fn sources(self) -> &'static [&'static str] {
         match self {
             Self::Cyclone => &["peer.h", "peer.c", "ShapeType.idl", "cyclone.c"],
+            Self::CycloneDiscovery => &["peer.h", "peer.c", "ShapeType.idl", "discovery.c"],
             Self::FastDds => &[
                 "peer.h",
                 "peer.c",
@@ -170,7 +201,8 @@ impl Vendor {
         let workshop = Workshop { directory };
         workshop.compile_c("peer.o", &source("peer.c"), &[])?;
         match self {
-            Self::Cyclone => workshop.cyclone()?,
+            Self::Cyclone => workshop.cyclone("cyclone.c")?,
+            Self::CycloneDiscovery => workshop.cyclone("discovery.c")?,
             Self::FastDds => workshop.fast_dds()?,
         }
         // Replaced as a whole: an older program of that name may be running.
@@ -185,7 +217,7 @@ struct Workshop {
 }
 
 impl Workshop {
-    fn cyclone(&self) -> Result<()> {
+    fn cyclone(&self, program: &str) -> Result<()> {
         for extensibility in ["final", "appendable"] {
             fs::create_dir_all(self.directory.join(extensibility))?;
             self.run(
@@ -201,7 +233,7 @@ impl Workshop {
             )?;
         }
         // The struct is the same in both headers.
-        self.compile_c("cyclone.o", &source("cyclone.c"), &["-Ifinal"])?;
+        self.compile_c("cyclone.o", &source(program), &["-Ifinal"])?;
         self.run(Command::new("gcc").args([
             "-o",
             "program",
@@ -242,6 +274,15 @@ impl Workshop {
         }
         Ok(())
     }
+}
+
+/// Whether a peer starts: the library that it was built with may have been removed since.
+fn is_runnable(program: &Path) -> bool {
+    const CANNOT_LOAD: i32 = 127;
+    Command::new(program)
+        .arg("--help")
+        .output()
+        .is_ok_and(|output| output.status.code().is_some_and(|code| code != CANNOT_LOAD))
 }
 
 fn sources_dir() -> PathBuf {

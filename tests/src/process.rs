@@ -3,6 +3,7 @@
 //! Standard output and error are read by two threads from the start, so that a child never blocks
 //! on a full pipe. A line of standard output that is a JSON object is an event.
 
+use std::fs;
 use std::io::{BufRead, BufReader, Read};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -204,6 +205,18 @@ impl Drop for Process {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
+}
+
+/// Resident memory of a process in bytes.
+///
+/// # Errors
+/// When the process has ended.
+pub fn resident(pid: Pid) -> Result<u64> {
+    let text = fs::read_to_string(format!("/proc/{pid}/status"))?;
+    let mut lines = text.lines();
+    let size = lines.find_map(|line| line.strip_prefix("VmRSS:"));
+    let kilobytes = size.and_then(|size| size.trim().strip_suffix("kB"));
+    Ok(1024 * kilobytes.context("no such line")?.trim().parse::<u64>()?)
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]

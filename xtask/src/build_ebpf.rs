@@ -15,6 +15,7 @@ use std::{
 
 use anyhow::{Context as _, bail, ensure};
 use clap::Args;
+use rtps_tests::binaries;
 
 use provenance::Provenance;
 use toolchain::Toolchain;
@@ -31,19 +32,19 @@ pub(crate) struct Arguments {
 
 /// Builds the object, and commits it to the source tree or compares it.
 pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let workspace = workspace();
+    let workspace = binaries::workspace();
     let toolchain = toolchain::find_or_install()?;
     say(&format!("building with {toolchain}"));
-    let built = build(&workspace, &toolchain)?;
+    let built = build(workspace, &toolchain)?;
     let committed = workspace.join("rtps-ebpf/rtps-ebpf.o");
-    let provenance = Provenance::now(&workspace, &toolchain)?;
+    let provenance = Provenance::now(workspace, &toolchain)?;
     if arguments.check {
         return check(
             (&built, &provenance),
-            (&committed, &Provenance::committed(&workspace)?),
+            (&committed, &Provenance::committed(workspace)?),
         );
     }
-    provenance.write(&workspace)?;
+    provenance.write(workspace)?;
     if same(&built, &committed) {
         say("rtps-ebpf/rtps-ebpf.o is what it was");
         return Ok(());
@@ -56,7 +57,7 @@ pub(crate) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 /// Compiles, links and strips; returns where the object is.
 fn build(workspace: &Path, toolchain: &Toolchain) -> anyhow::Result<PathBuf> {
     // A target folder of its own: the outer one may be locked by whoever runs this command.
-    let folder = target_folder(workspace).join("ebpf");
+    let folder = binaries::target_folder().join("ebpf");
     let mut cargo = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     cargo
         .current_dir(workspace)
@@ -142,15 +143,6 @@ fn check(built: (&Path, &Provenance), committed: (&Path, &Provenance)) -> anyhow
 
 fn same(a: &Path, b: &Path) -> bool {
     matches!((fs::read(a), fs::read(b)), (Ok(a), Ok(b)) if a == b)
-}
-
-fn workspace() -> PathBuf {
-    let xtask = Path::new(env!("CARGO_MANIFEST_DIR"));
-    xtask.parent().unwrap_or(xtask).to_owned()
-}
-
-fn target_folder(workspace: &Path) -> PathBuf {
-    env::var_os("CARGO_TARGET_DIR").map_or_else(|| workspace.join("target"), PathBuf::from)
 }
 
 /// Runs a command in sight of the user, and fails when it does.

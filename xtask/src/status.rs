@@ -23,16 +23,20 @@ fn print(status: &Status) {
         return;
     }
     match status.rtpsd {
-        Some(pid) => println!("rtpsd runs with pid {pid}"),
+        Some(pid) => println!(
+            "rtpsd runs with pid {pid}, woken {} times",
+            status.wakeups.unwrap_or_default()
+        ),
         None => {
             println!("rtpsd does not run; samples still flow; `cargo xtask load` starts it again")
         }
     }
     for interface in &status.interfaces {
         println!(
-            "interface {}: XDP {}",
+            "interface {}: XDP {}, discovery answered by {}",
             interface.name,
-            interface.mode.name()
+            interface.mode.name(),
+            interface.answers
         );
     }
     for domain in &status.domains {

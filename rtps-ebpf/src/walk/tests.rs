@@ -177,6 +177,7 @@ fn found(targets: &[u8]) -> Findings {
         targets: slots(targets),
         built_in: false,
         skipped_foreign: false,
+        foreign_source: false,
         malformed: None,
     }
 }
@@ -311,6 +312,31 @@ fn info_dst_and_info_src_hold_until_the_next_one() {
         |m| m.source(RELAYED).data(ENTITY_ID_UNKNOWN, WRITER),
         found(&[5]),
     );
+}
+
+/// [`RELAYED`] does not send from here.
+struct Bound;
+
+impl Routes for Bound {
+    fn add_readers(&self, writer: &Guid, slots: &mut SlotSet) {
+        Matched.add_readers(writer, slots);
+    }
+
+    fn may_send(&self, participant: &GuidPrefix) -> bool {
+        *participant != RELAYED
+    }
+}
+
+#[test]
+fn nobody_sends_in_the_name_of_who_is_elsewhere() {
+    let verdict = |message: &[u8]| examine(message, OWN, &Bound).concerned();
+    let honest = Message::new(true).data(reader_of(1), WRITER);
+    assert!(verdict(&honest.bytes).is_ok());
+    let mut header = honest.bytes.clone();
+    header[8..20].copy_from_slice(&RELAYED);
+    assert_eq!(verdict(&header), Err(Counter::DropForeignSource));
+    let source = honest.source(RELAYED).data(SPDP_READER, SPDP_WRITER);
+    assert_eq!(verdict(&source.bytes), Err(Counter::DropForeignSource));
 }
 
 #[test]

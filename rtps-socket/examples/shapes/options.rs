@@ -1,6 +1,7 @@
 //! The command line: the options of the interoperability peers in `tests/peers`.
 
 use clap::{Args, Parser, ValueEnum};
+use rtps_socket::qos::LivelinessKind;
 use rtps_socket::{LayerChoice, Qos};
 use std::time::Duration;
 
@@ -105,6 +106,9 @@ pub(crate) struct Options {
     pub(crate) peer: Option<std::net::SocketAddr>,
     #[arg(long)]
     pub(crate) deadline_ms: Option<u64>,
+    /// Lease of AUTOMATIC liveliness.
+    #[arg(long)]
+    pub(crate) liveliness_ms: Option<u64>,
     /// For the other peers' sake; this one prints nothing else.
     #[arg(long)]
     pub(crate) json: bool,
@@ -133,6 +137,9 @@ impl Options {
         }
         if let Some(period) = self.deadline_ms {
             qos = qos.deadline(Duration::from_millis(period));
+        }
+        if let Some(lease) = self.liveliness_ms {
+            qos = qos.liveliness(LivelinessKind::Automatic, Duration::from_millis(lease));
         }
         match self.xcdr {
             2 => qos.xcdr2(),

@@ -41,7 +41,7 @@ impl Wakeups {
 }
 
 /// No more are in use; more would only need another call.
-const MAX_EVENTS: usize = 8;
+const MAX_EVENTS: usize = 10;
 
 impl Epoll {
     /// An instance without descriptors.

@@ -1,26 +1,55 @@
 //! What UDP sockets can do beyond the standard library: shared ports, chosen interfaces, reads that never wait.
 
-use std::io;
+use std::io::{self, IoSlice};
 use std::mem;
-use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, SocketAddrV4, SocketAddrV6, UdpSocket};
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
+
+use nix::sys::socket::{ControlMessage, MsgFlags, SockaddrIn, SockaddrIn6, sendmsg};
 
 use super::{check, check_len};
 
+/// A socket on a port of its own. One of IPv6 is for IPv6 only.
+pub(crate) fn bind(address: SocketAddr) -> io::Result<UdpSocket> {
+    let socket = open(address)?;
+    bind_to(&socket, address)?;
+    Ok(socket)
+}
+
 /// A socket on a port that other programs of this host may have open as well; each gets its own copy of what is
 /// sent to a group.
-pub(crate) fn bind_shared(port: u16) -> io::Result<UdpSocket> {
-    let kind = libc::SOCK_DGRAM | libc::SOCK_CLOEXEC;
-    // SAFETY: no preconditions.
-    let fd = check(unsafe { libc::socket(libc::AF_INET, kind, 0) })?;
-    // SAFETY: a new descriptor that nobody else owns.
-    let socket = UdpSocket::from(unsafe { OwnedFd::from_raw_fd(fd) });
+pub(crate) fn bind_shared(address: SocketAddr) -> io::Result<UdpSocket> {
+    let socket = open(address)?;
     set_option(&socket, libc::SOL_SOCKET, libc::SO_REUSEADDR, &1i32)?;
     set_option(&socket, libc::SOL_SOCKET, libc::SO_REUSEPORT, &1i32)?;
-    let (address, len) = ipv4_address(SocketAddrV4::new(Ipv4Addr::UNSPECIFIED, port));
-    // SAFETY: the address is initialized and `len` bytes long.
-    check(unsafe { libc::bind(fd, (&raw const address).cast(), len) })?;
+    bind_to(&socket, address)?;
     Ok(socket)
+}
+
+/// A socket of the address's family.
+fn open(address: SocketAddr) -> io::Result<UdpSocket> {
+    /// IPV6_PREFER_SRC_PUBLIC of `linux/in6.h`: temporary addresses are not announced.
+    const PREFER_PUBLIC: i32 = 2;
+    let kind = libc::SOCK_DGRAM | libc::SOCK_CLOEXEC;
+    let family = match address {
+        SocketAddr::V4(_) => libc::AF_INET,
+        SocketAddr::V6(_) => libc::AF_INET6,
+    };
+    // SAFETY: no preconditions.
+    let fd = check(unsafe { libc::socket(family, kind, 0) })?;
+    // SAFETY: a new descriptor that nobody else owns.
+    let socket = UdpSocket::from(unsafe { OwnedFd::from_raw_fd(fd) });
+    if address.is_ipv6() {
+        set_option(&socket, libc::IPPROTO_IPV6, libc::IPV6_V6ONLY, &1i32)?;
+        let preferences = libc::IPV6_ADDR_PREFERENCES;
+        set_option(&socket, libc::IPPROTO_IPV6, preferences, &PREFER_PUBLIC)?;
+    }
+    Ok(socket)
+}
+
+fn bind_to(socket: &UdpSocket, address: SocketAddr) -> io::Result<()> {
+    use nix::sys::socket::{SockaddrStorage, bind};
+    Ok(bind(socket.as_raw_fd(), &SockaddrStorage::from(address))?)
 }
 
 /// Asks for room for `bytes` of datagrams not yet read; the kernel gives what `net.core.rmem_max` allows.
@@ -29,13 +58,19 @@ pub(crate) fn set_receive_buffer(socket: &UdpSocket, bytes: i32) -> io::Result<(
 }
 
 /// Joins a group on one interface. To be in it already is no error.
-pub(crate) fn join_group(socket: &UdpSocket, group: Ipv4Addr, interface: u32) -> io::Result<()> {
-    let request = libc::ip_mreqn {
-        imr_multiaddr: in_addr(group),
-        imr_address: in_addr(Ipv4Addr::UNSPECIFIED),
-        imr_ifindex: interface.cast_signed(),
+pub(crate) fn join_group(socket: &UdpSocket, group: IpAddr, interface: u32) -> io::Result<()> {
+    let joined = match group {
+        IpAddr::V4(group) => {
+            let request = libc::ip_mreqn {
+                imr_multiaddr: in_addr(group),
+                imr_address: in_addr(Ipv4Addr::UNSPECIFIED),
+                imr_ifindex: interface.cast_signed(),
+            };
+            set_option(socket, libc::IPPROTO_IP, libc::IP_ADD_MEMBERSHIP, &request)
+        }
+        IpAddr::V6(group) => socket.join_multicast_v6(&group, interface),
     };
-    match set_option(socket, libc::IPPROTO_IP, libc::IP_ADD_MEMBERSHIP, &request) {
+    match joined {
         Err(error) if error.kind() == io::ErrorKind::AddrInUse => Ok(()),
         result => result,
     }
@@ -47,8 +82,8 @@ pub(crate) fn receive_now(
     buffer: &mut [u8],
 ) -> io::Result<(usize, SocketAddr)> {
     // SAFETY: plain data; all zeros is a valid value.
-    let mut source: libc::sockaddr_in = unsafe { mem::zeroed() };
-    let mut source_len = size_of::<libc::sockaddr_in>() as libc::socklen_t;
+    let mut source: libc::sockaddr_in6 = unsafe { mem::zeroed() };
+    let mut source_len = size_of::<libc::sockaddr_in6>() as libc::socklen_t;
     // SAFETY: buffer and address are writable for their lengths.
     let len = check_len(unsafe {
         libc::recvfrom(
@@ -60,8 +95,20 @@ pub(crate) fn receive_now(
             &raw mut source_len,
         )
     })?;
-    let ip = Ipv4Addr::from(u32::from_be(source.sin_addr.s_addr));
-    Ok((len, (ip, u16::from_be(source.sin_port)).into()))
+    Ok((len, socket_address(&source)))
+}
+
+/// What the kernel has written, of either family.
+fn socket_address(raw: &libc::sockaddr_in6) -> SocketAddr {
+    if i32::from(raw.sin6_family) == libc::AF_INET6 {
+        let ip = Ipv6Addr::from(raw.sin6_addr.s6_addr);
+        let port = u16::from_be(raw.sin6_port);
+        return SocketAddrV6::new(ip, port, 0, raw.sin6_scope_id).into();
+    }
+    // SAFETY: an IPv4 address is the smaller one, of the same alignment, and every pattern of bits is a value of it.
+    let raw = unsafe { &*std::ptr::from_ref(raw).cast::<libc::sockaddr_in>() };
+    let ip = Ipv4Addr::from(u32::from_be(raw.sin_addr.s_addr));
+    SocketAddrV4::new(ip, u16::from_be(raw.sin_port)).into()
 }
 
 /// Throws away the datagrams that are there, without copying any. One system call does it for a few; a sender that
@@ -97,41 +144,51 @@ fn discard_some(socket: &UdpSocket) -> usize {
     usize::try_from(count).unwrap_or_default()
 }
 
-/// Sends to a group out of one interface, from that interface's address `source`.
+/// Sends to a group out of one interface, from that interface's address `source`, which is of the group's family.
 pub(crate) fn send_multicast(
     socket: &UdpSocket,
-    (interface, source): (u32, Ipv4Addr),
-    group: SocketAddrV4,
+    (interface, source): (u32, IpAddr),
+    group: SocketAddr,
     datagram: &[u8],
 ) -> io::Result<()> {
-    /// The control data: one header and what it announces, as `CMSG_SPACE` would lay it out.
-    #[repr(C)]
-    struct Control {
-        header: libc::cmsghdr,
-        info: libc::in_pktinfo,
+    let (descriptor, parts) = (socket.as_raw_fd(), [IoSlice::new(datagram)]);
+    match (group, source) {
+        (SocketAddr::V4(group), IpAddr::V4(source)) => {
+            let out_of = libc::in_pktinfo {
+                ipi_ifindex: interface.cast_signed(),
+                ipi_spec_dst: in_addr(source),
+                ipi_addr: in_addr(Ipv4Addr::UNSPECIFIED),
+            };
+            let control = [ControlMessage::Ipv4PacketInfo(&out_of)];
+            let group = SockaddrIn::from(group);
+            sendmsg(
+                descriptor,
+                &parts,
+                &control,
+                MsgFlags::empty(),
+                Some(&group),
+            )?;
+        }
+        (SocketAddr::V6(mut group), IpAddr::V6(source)) => {
+            group.set_scope_id(interface);
+            let out_of = libc::in6_pktinfo {
+                ipi6_addr: libc::in6_addr {
+                    s6_addr: source.octets(),
+                },
+                ipi6_ifindex: interface,
+            };
+            let control = [ControlMessage::Ipv6PacketInfo(&out_of)];
+            let group = SockaddrIn6::from(group);
+            sendmsg(
+                descriptor,
+                &parts,
+                &control,
+                MsgFlags::empty(),
+                Some(&group),
+            )?;
+        }
+        _ => return Err(io::ErrorKind::InvalidInput.into()),
     }
-    // SAFETY: plain data; all zeros is a valid value.
-    let mut control: Control = unsafe { mem::zeroed() };
-    control.header.cmsg_len = (mem::offset_of!(Control, info) + size_of::<libc::in_pktinfo>()) as _;
-    control.header.cmsg_level = libc::IPPROTO_IP;
-    control.header.cmsg_type = libc::IP_PKTINFO;
-    control.info.ipi_ifindex = interface.cast_signed();
-    control.info.ipi_spec_dst = in_addr(source);
-    let (mut address, address_len) = ipv4_address(group);
-    let mut part = libc::iovec {
-        iov_base: datagram.as_ptr().cast_mut().cast(),
-        iov_len: datagram.len(),
-    };
-    // SAFETY: plain data; all zeros is a valid value.
-    let mut message: libc::msghdr = unsafe { mem::zeroed() };
-    message.msg_name = (&raw mut address).cast();
-    message.msg_namelen = address_len;
-    message.msg_iov = &raw mut part;
-    message.msg_iovlen = 1;
-    message.msg_control = (&raw mut control).cast();
-    message.msg_controllen = size_of::<Control>() as _;
-    // SAFETY: all parts of the message outlive the call and are only read.
-    check_len(unsafe { libc::sendmsg(socket.as_raw_fd(), &raw const message, 0) })?;
     Ok(())
 }
 
@@ -174,16 +231,6 @@ fn in_addr(ip: Ipv4Addr) -> libc::in_addr {
     }
 }
 
-fn ipv4_address(address: SocketAddrV4) -> (libc::sockaddr_in, libc::socklen_t) {
-    let raw = libc::sockaddr_in {
-        sin_family: libc::AF_INET as libc::sa_family_t,
-        sin_port: address.port().to_be(),
-        sin_addr: in_addr(*address.ip()),
-        sin_zero: [0; 8],
-    };
-    (raw, size_of::<libc::sockaddr_in>() as libc::socklen_t)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -191,26 +238,42 @@ mod tests {
     #[test]
     fn a_group_reaches_every_socket_on_a_shared_port() {
         const GROUP: Ipv4Addr = Ipv4Addr::new(239, 255, 0, 77);
-        let first = bind_shared(0).unwrap();
+        let mut any = SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0));
+        let first = bind_shared(any).unwrap();
         let port = first.local_addr().unwrap().port();
-        let second = bind_shared(port).unwrap();
+        any.set_port(port);
+        let second = bind_shared(any).unwrap();
         let loopback = 1;
         for socket in [&first, &second] {
-            join_group(socket, GROUP, loopback).unwrap();
-            join_group(socket, GROUP, loopback).unwrap();
+            join_group(socket, GROUP.into(), loopback).unwrap();
+            join_group(socket, GROUP.into(), loopback).unwrap();
             socket
                 .set_read_timeout(Some(std::time::Duration::from_secs(2)))
                 .unwrap();
         }
         let sender = UdpSocket::bind("0.0.0.0:0").unwrap();
-        let from = (loopback, Ipv4Addr::LOCALHOST);
-        send_multicast(&sender, from, SocketAddrV4::new(GROUP, port), b"all").unwrap();
+        let from = (loopback, Ipv4Addr::LOCALHOST.into());
+        send_multicast(&sender, from, (GROUP, port).into(), b"all").unwrap();
         for socket in [&first, &second] {
             let mut buffer = [0; 8];
             let (len, source) = socket.recv_from(&mut buffer).unwrap();
             assert_eq!(&buffer[..len], b"all");
             let port = sender.local_addr().unwrap().port();
             assert_eq!(source, (Ipv4Addr::LOCALHOST, port).into());
+        }
+    }
+
+    #[test]
+    fn datagrams_tell_where_they_come_from() {
+        for any in ["127.0.0.1:0", "[::1]:0"] {
+            let Ok(socket) = bind(any.parse().unwrap()) else {
+                println!("skipped: {any} is no address here");
+                continue;
+            };
+            let address = socket.local_addr().unwrap();
+            socket.send_to(b"text", address).unwrap();
+            let mut buffer = [0; 8];
+            assert_eq!(receive_now(&socket, &mut buffer).unwrap(), (4, address));
         }
     }
 

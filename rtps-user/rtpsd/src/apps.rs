@@ -18,10 +18,11 @@ use nix::sys::socket::{
     AddressFamily, Backlog, SockFlag, SockType, UnixAddr, accept4, bind, getsockopt, listen, socket,
 };
 use nix::unistd::{Gid, Group, chown};
-use rtps_user::layer::protocol::{FromLayer, Hello, MAX_PROTOCOL_MESSAGE, ToLayer};
+use rtps_user::layer::protocol::{FromLayer, Hello, MAX_PROTOCOL_MESSAGE, ToLayer, Welcome};
 use tracing::{debug, info, warn};
 
 use crate::host::{Host, Seat};
+use crate::inboxes::Made;
 use crate::packet_socket::{Incoming, PacketSocket};
 use crate::readiness::{Interest, Readiness, Source};
 use crate::run_folder::remove_if_there;
@@ -78,6 +79,8 @@ pub(crate) struct Connection {
     since: Instant,
     waits_to_write: bool,
     pub(crate) seat: Option<Seat>,
+    /// What the app is to be told once its inbox is there.
+    pending: Option<Welcome>,
 }
 
 /// All of them.
@@ -141,6 +144,7 @@ impl Apps {
             since: now,
             waits_to_write: false,
             seat: None,
+            pending: None,
         };
         self.make_room();
         let id = self.next_id;
@@ -207,6 +211,9 @@ impl Apps {
             (None, ToLayer::Hello(hello)) => self.greet(now, id, &hello, host),
             (None, _) => Err("the first message must be a hello".to_owned()),
             (Some(_), ToLayer::Hello(_)) => Err("the app has already said hello".to_owned()),
+            (Some(_), _) if connection.pending.is_some() => {
+                Err("the app does not wait for its welcome".to_owned())
+            }
             (Some(seat), request) => {
                 host.request(now, seat, request);
                 Ok(())
@@ -222,7 +229,7 @@ impl Apps {
         host: &mut Host,
     ) -> Result<(), String> {
         self.check_user(id)?;
-        let admission = host.attach(now, hello)?;
+        let admission = host.attach(now, id, hello)?;
         let Some(connection) = self.connections.get_mut(&id) else {
             host.detach(now, &admission.seat);
             return Ok(());
@@ -234,17 +241,47 @@ impl Apps {
             name = seat.name,
             pid = connection.pid,
             uid = connection.uid,
-            returned = admission.inbox.is_none(),
+            returned = admission.has_inbox,
             "app attached"
         );
-        self.by_slot.insert(seat.slot, id);
         connection.seat = Some(seat);
-        let descriptors = admission
-            .inbox
-            .map_or_else(Vec::new, |inbox| vec![inbox.ring, inbox.bell]);
+        connection.pending = Some(admission.welcome);
+        if admission.has_inbox {
+            self.welcome(id, Vec::new())?;
+        }
+        Ok(())
+    }
+
+    /// Welcomes the apps whose inboxes are there.
+    pub(crate) fn welcome_all(&mut self, now: Instant, host: &mut Host, readiness: &Readiness) {
+        while let Some(Made { order, inbox }) = host.next_inbox() {
+            let id = order.connection;
+            if !self.connections.contains_key(&id) {
+                // It is gone, and its slot may be another app's.
+                continue;
+            }
+            let welcomed = inbox
+                .and_then(|inbox| host.open(&order).map(|()| inbox))
+                .and_then(|inbox| self.welcome(id, vec![inbox.ring, inbox.bell]));
+            if let Err(reason) = welcomed {
+                let reason = format!("rtpsd cannot make the app's ring: {reason}");
+                self.expel(now, id, reason, host);
+            }
+            self.update_interest(id, readiness);
+        }
+    }
+
+    fn welcome(&mut self, id: u32, descriptors: Vec<OwnedFd>) -> Result<(), String> {
+        let Some(connection) = self.connections.get_mut(&id) else {
+            return Ok(());
+        };
+        let Some(welcome) = connection.pending.take() else {
+            return Ok(());
+        };
+        self.by_slot.insert(welcome.slot, id);
         connection
             .socket
-            .send(&FromLayer::Welcome(admission.welcome), descriptors)
+            .send(&FromLayer::Welcome(welcome), descriptors)
             .map_err(|failure| format!("the welcome cannot be sent ({failure:?})"))
     }
 

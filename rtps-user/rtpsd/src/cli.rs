@@ -1,12 +1,14 @@
 //! The command line.
 
-use std::net::{IpAddr, SocketAddr};
+use std::net::{IpAddr, SocketAddr, ToSocketAddrs};
 use std::os::fd::RawFd;
 use std::str::FromStr;
 use std::time::Duration;
 
 use clap::Parser;
-use rtps_ebpf::abi::{DOORBELL_PACKET, DOORBELL_RING};
+use rtps_ebpf::abi::{DISCOVERY_KERNEL, DISCOVERY_USER, DOORBELL_PACKET, DOORBELL_RING};
+use rtps_user::ipv6;
+use tracing::warn;
 
 use crate::loader::WantedMode;
 use crate::sockets::Ports;
@@ -31,6 +33,15 @@ pub struct Options {
     #[arg(long, value_enum, default_value_t)]
     pub doorbell: Doorbell,
 
+    /// Who answers discovery messages.
+    #[arg(long, value_enum, default_value_t)]
+    pub discovery: Discovery,
+
+    /// Take what names a known participant as its sender from any address: for participants on hosts that send from
+    /// addresses which they do not announce.
+    #[arg(long)]
+    pub any_source: bool,
+
     /// Permissions of the socket that apps connect to, in octal.
     #[arg(long, value_name = "MODE", default_value = "0666", value_parser = parse_mode)]
     pub socket_mode: u32,
@@ -39,7 +50,8 @@ pub struct Options {
     #[arg(long, value_name = "NAME")]
     pub group: Option<String>,
 
-    /// The address of a host that multicast does not reach, with or without port; may be given several times.
+    /// The address of a host that multicast does not reach, with or without port; may be given several times. Those in
+    /// ROS_STATIC_PEERS, separated by semicolons, count as well.
     #[arg(long = "peer", value_name = "ADDR")]
     pub peers: Vec<Peer>,
 
@@ -66,6 +78,25 @@ pub struct Options {
     /// Stay in the foreground, which rtpsd always does: who starts it decides about a daemon.
     #[arg(long)]
     pub foreground: bool,
+}
+
+/// Who answers discovery messages.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Discovery {
+    /// The kernel, which tells rtpsd the news; rtpsd where the kernel cannot.
+    #[default]
+    Kernel,
+    /// rtpsd alone.
+    User,
+}
+
+impl Discovery {
+    pub(crate) fn to_abi(self) -> u32 {
+        match self {
+            Self::Kernel => DISCOVERY_KERNEL,
+            Self::User => DISCOVERY_USER,
+        }
+    }
 }
 
 /// How a sleeping app is woken.
@@ -99,10 +130,45 @@ pub enum Peer {
 /// Participants of a host that is given without a port.
 const PARTICIPANTS_OF_A_PEER: u16 = 5;
 
+/// What ROS 2 keeps its peers in.
+const STATIC_PEERS: &str = "ROS_STATIC_PEERS";
+
+impl Options {
+    /// The peers of the command line and of the environment.
+    pub(crate) fn all_peers(&self) -> Vec<Peer> {
+        let of_environment = std::env::var(STATIC_PEERS).unwrap_or_default();
+        let of_environment = static_peers(&of_environment);
+        self.peers.iter().copied().chain(of_environment).collect()
+    }
+}
+
+/// Addresses, or names of hosts, separated by semicolons. The list is not made for rtpsd alone: what it does not
+/// understand it leaves out.
+fn static_peers(list: &str) -> Vec<Peer> {
+    let entries = list.split(';').map(str::trim);
+    entries
+        .filter(|entry| !entry.is_empty())
+        .flat_map(|entry| match entry.parse() {
+            Ok(peer) => vec![peer],
+            Err(_) => hosts_by_name(entry),
+        })
+        .collect()
+}
+
+fn hosts_by_name(name: &str) -> Vec<Peer> {
+    match (name, 0).to_socket_addrs() {
+        Ok(addresses) => addresses.map(|address| Peer::Host(address.ip())).collect(),
+        Err(error) => {
+            warn!("{STATIC_PEERS}: no address of `{name}` is known ({error})");
+            Vec::new()
+        }
+    }
+}
+
 impl Peer {
     pub(crate) fn addresses(self, ports: Ports) -> Vec<SocketAddr> {
         match self {
-            Self::Port(address) => vec![address],
+            Self::Port(address) => vec![ipv6::from_socket(address)],
             Self::Host(ip) => (0..PARTICIPANTS_OF_A_PEER)
                 .map(|id| SocketAddr::new(ip, ports.metatraffic_unicast(id)))
                 .collect(),
@@ -166,9 +232,34 @@ mod tests {
             &["--iface", "a", "--socket-mode", "9"],
             &["--iface", "a", "--lease", "0"],
             &["--iface", "a", "--peer", "host"],
+            &["--iface", "a", "--discovery", "nobody"],
         ] {
             assert!(parse(arguments).is_err(), "{arguments:?}");
         }
+    }
+
+    #[test]
+    fn the_kernel_answers_unless_told_otherwise() {
+        let discovery = |arguments: &[&str]| parse(arguments).unwrap().discovery;
+        assert_eq!(discovery(&["--iface", "a"]), Discovery::Kernel);
+        assert_eq!(
+            discovery(&["--iface", "a", "--discovery", "user"]),
+            Discovery::User
+        );
+    }
+
+    #[test]
+    fn static_peers_are_separated_by_semicolons() {
+        assert_eq!(static_peers(""), []);
+        let peers = static_peers("10.0.0.2; [fd00::1]:7410 ;;no such host!;::1");
+        assert_eq!(
+            peers,
+            [
+                Peer::Host("10.0.0.2".parse().unwrap()),
+                Peer::Port("[fd00::1]:7410".parse().unwrap()),
+                Peer::Host("::1".parse().unwrap()),
+            ]
+        );
     }
 
     #[test]

@@ -6,20 +6,25 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 use nix::sys::signalfd::SignalFd;
 use nix::unistd::geteuid;
-use rtps_ebpf::abi::Domain;
+use rtps_ebpf::ABI_VERSION;
+use rtps_ebpf::abi::Config;
 use tracing::info;
 
 use crate::apps::{Access, Apps};
+use crate::attachment::Attachment;
 use crate::cli::Options;
 use crate::domain::{DomainHost, Setting};
-use crate::event_loop::{self, Attached, EventLoop};
-use crate::host::Host;
-use crate::interfaces::{self, AddressWatch, Interface};
+use crate::event_loop::{self, EventLoop};
+use crate::host::{Host, Parts};
+use crate::inboxes::Inboxes;
+use crate::interfaces::{self, Interface};
 use crate::kernel_maps::KernelMaps;
 use crate::loader::Loader;
 use crate::netns;
+use crate::news::News;
 use crate::pins::PinFolder;
 use crate::run_folder::RunFolder;
+use crate::sign_of_life::SignOfLife;
 use crate::status_server::StatusServer;
 use crate::store::Identities;
 use crate::sys;
@@ -78,21 +83,34 @@ fn start(
     let mut kernel = KernelMaps::open(pins)?;
     let domains = join_domains(options, pins, &interfaces, &mut loader, now)?;
     tell_kernel(&mut kernel, &interfaces, &domains)?;
-    kernel.enable(options.doorbell.to_abi())?;
-    loader.detach_others(&interfaces)?;
+    let mut attachment = Attachment::new(loader, options.mode, options.discovery);
     for interface in &interfaces {
-        let mode = loader.attach(interface, options.mode)?;
-        info!(interface = interface.name, %mode, "XDP attached");
+        attachment.attach(interface, &interfaces)?;
     }
-    let host = Host::new(interfaces, kernel, domains, options.max_ring, now)?;
+    attachment.describe(&interfaces, &mut kernel)?;
+    let parts = Parts {
+        interfaces,
+        kernel,
+        domains,
+        news: News::open(pins)?,
+        inboxes: Inboxes::start(pins)?,
+        life: SignOfLife::new(programs_config(options), options.lease),
+    };
+    let host = Host::new(parts, options.max_ring, now)?;
     let apps = Apps::listen(&run_folder.layer_socket(), &access)?;
     let status = StatusServer::listen(&run_folder.status_socket(), &access)?;
-    let attached = Attached {
-        loader,
-        mode: options.mode,
-        watch: AddressWatch::new()?,
-    };
-    EventLoop::new(inode, host, apps, status, attached, signals)
+    EventLoop::new(inode, host, apps, status, attachment, signals)
+}
+
+/// What the programs act by; the time until which they may answer is that of the sign of life.
+fn programs_config(options: &Options) -> Config {
+    Config {
+        abi_version: ABI_VERSION,
+        doorbell: options.doorbell.to_abi(),
+        discovery: options.discovery.to_abi(),
+        any_source: options.any_source.into(),
+        answer_until_ns: 0,
+    }
 }
 
 fn find_interfaces(names: &[String]) -> Result<Vec<Interface>> {
@@ -113,6 +131,7 @@ fn join_domains(
     let mut identities = Identities::open(pins)?;
     let setting = Setting {
         options,
+        peers: &options.all_peers(),
         folder: pins,
         interfaces,
         filter: loader.filter()?,
@@ -138,11 +157,7 @@ fn tell_kernel(
     kernel.set_addresses(&interfaces::own_addresses()?)?;
     let mut ports = BTreeMap::new();
     for domain in domains {
-        let entry = Domain {
-            guid_prefix: domain.identity.prefix.0,
-            domain_id: domain.id,
-        };
-        kernel.set_domain(domain.identity.domain_index, entry)?;
+        kernel.set_domain(domain.identity.domain_index, domain.entry())?;
         ports.extend(domain.port_configs());
     }
     kernel.set_ports(&ports)

@@ -1,31 +1,31 @@
 //! One domain of the host: its [`Layer`], and the sockets, maps and store that the layer's outputs go to.
 
-use std::collections::BTreeSet;
 use std::fs;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use aya::programs::SocketFilter;
-use rtps_ebpf::abi::{PORT_MULTICAST, PORT_UNICAST, PortConfig};
+use rtps_ebpf::abi::{Domain, PORT_METATRAFFIC, PORT_MULTICAST, PORT_UNICAST, PortConfig};
 use rtps_user::layer::protocol::FromLayer;
 use rtps_user::layer::{KernelChange, Layer, LayerConfig, LayerOutput};
-use rtps_user::wire::{GuidPrefix, VendorId};
+use rtps_user::wire::{Guid, GuidPrefix, VendorId};
 use tracing::{debug, info, warn};
 
-use crate::cli::Options;
-use crate::interfaces::{self, Interface};
-use crate::kernel_maps::KernelMaps;
+use crate::cli::{Discovery, Options, Peer};
+use crate::interfaces::{self, Interface, locators};
+use crate::kernel_maps::{BuiltinSample, KernelMaps, builtin_reader, monotonic_now};
+use crate::news::Item;
 use crate::pins::PinFolder;
 use crate::random;
-use crate::sockets::{DomainSockets, GROUP, Ports};
+use crate::sockets::{DomainSockets, Ports};
 use crate::store::{Identities, Identity, Store};
 
 /// Datagrams of one socket that are read before others get their turn.
 const BURST: usize = 64;
 
 /// How old the kernel's knowledge of who is alive may be when a lease is judged.
-const PEERS_FRESH: Duration = Duration::from_millis(100);
+const LIFE_FRESH: Duration = Duration::from_millis(100);
 
 /// The longest time between two announcements.
 const ANNOUNCE_PERIOD: Duration = Duration::from_secs(5);
@@ -38,14 +38,17 @@ pub(crate) struct DomainHost {
     pub(crate) sockets: DomainSockets,
     ports: Ports,
     store: Store,
-    peers: BTreeSet<GuidPrefix>,
-    peers_read: Instant,
+    discovery: Discovery,
+    datagram_size: u16,
+    /// When the kernel was last asked who is alive.
+    asked: Instant,
     datagram: Vec<u8>,
 }
 
 /// What a domain is started with.
 pub(crate) struct Setting<'a> {
     pub(crate) options: &'a Options,
+    pub(crate) peers: &'a [Peer],
     pub(crate) folder: &'a PinFolder,
     pub(crate) interfaces: &'a [Interface],
     pub(crate) filter: &'a SocketFilter,
@@ -70,7 +73,8 @@ impl DomainHost {
         identity.participant_id = Some(sockets.participant_id);
         identities.keep(id, identity)?;
         let store = Store::open(setting.folder, id)?;
-        let config = layer_config(id, setting, identity, ports, sockets.participant_id);
+        let config = layer_config(id, setting, identity, ports, &sockets);
+        let datagram_size = config.datagram_size;
         let mut layer = Layer::new(config, setting.now);
         let records = store.records();
         info!(
@@ -88,18 +92,35 @@ impl DomainHost {
             sockets,
             ports,
             store,
-            peers: BTreeSet::new(),
-            peers_read: setting.now,
+            discovery: setting.options.discovery,
+            datagram_size,
+            asked: setting.now,
             datagram: Vec::new(),
         })
+    }
+
+    /// The domain, as the kernel wants to know it.
+    pub(crate) fn entry(&self) -> Domain {
+        let metatraffic_port = self.ports.metatraffic_unicast(self.sockets.participant_id);
+        Domain {
+            guid_prefix: self.identity.prefix.0,
+            domain_id: self.id,
+            count_base_ns: self.identity.count_base_ns,
+            datagram_size: self.datagram_size.into(),
+            metatraffic_port: metatraffic_port.into(),
+        }
     }
 
     /// The ports that the domain owns, as the kernel wants to know them.
     pub(crate) fn port_configs(&self) -> Vec<(u16, PortConfig)> {
         let domain_index = u16::try_from(self.identity.domain_index).unwrap_or(u16::MAX);
         let id = self.sockets.participant_id;
+        let metatraffic = match self.discovery {
+            Discovery::Kernel => PORT_METATRAFFIC,
+            Discovery::User => PORT_UNICAST,
+        };
         [
-            (self.ports.metatraffic_unicast(id), PORT_UNICAST),
+            (self.ports.metatraffic_unicast(id), metatraffic),
             (self.ports.user_unicast(id), PORT_UNICAST),
             (self.ports.metatraffic_multicast(), PORT_MULTICAST),
             (self.ports.user_multicast(), PORT_MULTICAST),
@@ -136,29 +157,65 @@ impl DomainHost {
         }
     }
 
+    /// Reads what the kernel has handed over.
+    pub(crate) fn learn(&mut self, now: Instant, news: &Item<'_>, effects: &mut Effects<'_>) {
+        let read = if news.is_answered && self.discovery == Discovery::Kernel {
+            self.layer.handle_answered(now, news.source, news.message)
+        } else {
+            self.layer.handle_datagram(now, news.source, news.message)
+        };
+        if let Err(error) = read {
+            debug!(source = %news.source, "malformed: {error}");
+        }
+        self.drain(now, effects);
+    }
+
     /// When [`handle_timeout`](Self::handle_timeout) is due.
     pub(crate) fn next_timeout(&self) -> Option<Instant> {
         self.layer.poll_timeout()
     }
 
-    /// Does what is due, knowing what the kernel knows of who is alive.
+    /// Does what is due, knowing what the kernel knows of who is alive and who has what.
     pub(crate) fn handle_timeout(&mut self, now: Instant, effects: &mut Effects<'_>) {
-        if now.duration_since(self.peers_read) >= PEERS_FRESH {
-            self.read_peers(now, effects.kernel);
+        if now.duration_since(self.asked) >= LIFE_FRESH {
+            self.ask_who_is_alive(now, effects.kernel);
         }
+        self.ask_who_has_what(now, effects.kernel);
         self.layer.handle_timeout(now);
         self.drain(now, effects);
     }
 
-    fn read_peers(&mut self, now: Instant, kernel: &KernelMaps) {
-        self.peers_read = now;
-        for peer in &self.peers {
+    fn ask_who_is_alive(&mut self, now: Instant, kernel: &KernelMaps) {
+        self.asked = now;
+        let participants: Vec<GuidPrefix> = self.layer.participants().collect();
+        for prefix in participants {
             let seen = kernel
-                .peer_silence(*peer)
+                .peers
+                .silence(prefix)
                 .and_then(|silence| now.checked_sub(silence));
             if let Some(seen) = seen {
-                self.layer.seen(seen, *peer);
+                self.layer.seen(seen, prefix);
             }
+        }
+    }
+
+    fn ask_who_has_what(&mut self, now: Instant, kernel: &KernelMaps) {
+        let lagging: Vec<GuidPrefix> = self.layer.unacknowledged().collect();
+        for prefix in lagging {
+            for (writer, base) in kernel.peers.acknowledged(prefix) {
+                if let Some(reader) = builtin_reader(writer) {
+                    let reader = Guid::new(prefix, reader);
+                    self.layer.acknowledged(now, reader, base);
+                }
+            }
+        }
+    }
+
+    /// After the first [`drain`](Self::drain), which brings the kernel up to date: forgets what it knows beyond that.
+    pub(crate) fn forget_old_samples(&self, kernel: &mut KernelMaps) {
+        let index = self.identity.domain_index;
+        if let Err(error) = kernel.discovery.forget_old_samples(index) {
+            warn!("{error:#}");
         }
     }
 
@@ -189,17 +246,46 @@ impl DomainHost {
         self.datagram = datagram;
     }
 
-    fn change_kernel(&mut self, change: KernelChange, kernel: &mut KernelMaps) -> Result<()> {
+    fn change_kernel(&self, change: KernelChange, kernel: &mut KernelMaps) -> Result<()> {
+        let domain = self.identity.domain_index;
         match change {
             KernelChange::Route { writer, slots } => kernel.set_route(writer, slots),
-            KernelChange::Peer(peer) => {
-                self.peers.insert(peer);
-                kernel.add_peer(peer)
+            KernelChange::Peer {
+                prefix,
+                addresses,
+                supervised,
+            } => kernel.peers.keep(prefix, &addresses, supervised),
+            KernelChange::ForgetPeer(prefix) => kernel.peers.forget(prefix),
+            KernelChange::Announcement(submessages) => {
+                kernel.discovery.announce(domain, &submessages)
             }
-            KernelChange::ForgetPeer(peer) => {
-                self.peers.remove(&peer);
-                kernel.remove_peer(peer)
+            KernelChange::Sample {
+                writer,
+                sequence,
+                timestamp,
+                submessage,
+            } => {
+                let sample = BuiltinSample {
+                    writer,
+                    sequence,
+                    timestamp,
+                    submessage: &submessage,
+                };
+                kernel.discovery.keep_sample(domain, &sample)
             }
+            KernelChange::ForgetSample { writer, sequence } => {
+                kernel.discovery.forget_sample(domain, writer, sequence)
+            }
+            KernelChange::Available {
+                writer,
+                first,
+                last,
+            } => kernel.discovery.set_available(domain, writer, first, last),
+            KernelChange::Progress {
+                writer,
+                next,
+                exact,
+            } => kernel.peers.progress(writer, next, exact),
         }
     }
 }
@@ -217,11 +303,11 @@ fn layer_config(
     setting: &Setting<'_>,
     identity: Identity,
     ports: Ports,
-    participant_id: u16,
+    sockets: &DomainSockets,
 ) -> LayerConfig {
     let options = setting.options;
+    let participant_id = sockets.participant_id;
     let user_port = ports.user_unicast(participant_id);
-    let group = SocketAddr::from((GROUP, ports.metatraffic_multicast()));
     let loopback = SocketAddr::from((Ipv4Addr::LOCALHOST, user_port));
     LayerConfig {
         name: host_name(),
@@ -230,28 +316,25 @@ fn layer_config(
             ports.metatraffic_unicast(participant_id),
         ),
         user: locators(setting.interfaces, user_port),
-        peers: options
+        peers: setting
             .peers
             .iter()
             .flat_map(|peer| peer.addresses(ports))
             .collect(),
-        multicast: (!options.no_multicast).then_some(group),
+        multicast: if options.no_multicast {
+            Vec::new()
+        } else {
+            sockets.groups()
+        },
         lease: options.lease,
         announce_period: (options.lease / 4).min(ANNOUNCE_PERIOD),
         datagram_size: interfaces::datagram_size(setting.interfaces),
-        incarnation: identity.incarnation,
+        count_age: monotonic_now().saturating_sub(Duration::from_nanos(identity.count_base_ns)),
+        kernel_discovery: options.discovery == Discovery::Kernel,
+        bind_addresses: !options.any_source,
         resume_grace: crate::host::RESUME_GRACE,
         ..LayerConfig::new(identity.prefix, domain, loopback)
     }
-}
-
-/// Where a port of this host is reached.
-fn locators(interfaces: &[Interface], port: u16) -> Vec<SocketAddr> {
-    interfaces
-        .iter()
-        .flat_map(|interface| &interface.addresses)
-        .map(|address| SocketAddr::from((*address, port)))
-        .collect()
 }
 
 /// A GUID prefix that no other participant has: the vendor's number (RTPS 2.5, 9.3.1.5) and 80 random bits.

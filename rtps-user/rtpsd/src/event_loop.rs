@@ -10,11 +10,11 @@ use nix::sys::signalfd::{SfdFlags, SignalFd};
 use tracing::{info, warn};
 
 use crate::apps::Apps;
+use crate::attachment::Attachment;
 use crate::host::Host;
 use crate::interfaces::AddressWatch;
-use crate::loader::{Loader, WantedMode};
 use crate::readiness::{Interest, Readiness, Source};
-use crate::status;
+use crate::status::{self, Running};
 use crate::status_server::StatusServer;
 
 /// Room for the largest UDP datagram.
@@ -26,17 +26,13 @@ pub(crate) struct EventLoop {
     host: Host,
     apps: Apps,
     status: StatusServer,
-    attached: Attached,
+    attachment: Attachment,
+    watch: AddressWatch,
     signals: SignalFd,
     readiness: Readiness,
     datagram: Vec<u8>,
-}
-
-/// What keeps XDP attached to interfaces that go and come back.
-pub(crate) struct Attached {
-    pub(crate) loader: Loader,
-    pub(crate) mode: WantedMode,
-    pub(crate) watch: AddressWatch,
+    /// How often the thread was woken.
+    wakeups: u64,
 }
 
 impl EventLoop {
@@ -46,14 +42,17 @@ impl EventLoop {
         host: Host,
         apps: Apps,
         status: StatusServer,
-        attached: Attached,
+        attachment: Attachment,
         signals: SignalFd,
     ) -> Result<Self> {
+        let watch = AddressWatch::new()?;
         let readiness = Readiness::new().context("epoll")?;
         readiness.add(&signals, Source::Signal, Interest::Read)?;
-        readiness.add(&attached.watch, Source::Addresses, Interest::Read)?;
+        readiness.add(&watch, Source::Addresses, Interest::Read)?;
         readiness.add(&apps, Source::AppListener, Interest::Read)?;
         readiness.add(&status, Source::StatusListener, Interest::Read)?;
+        readiness.add(&host.news, Source::News, Interest::Read)?;
+        readiness.add(&host.inboxes, Source::Inboxes, Interest::Read)?;
         for (domain, served) in (0..).zip(&host.domains) {
             for (socket, descriptor) in (0..).zip(served.sockets.all()) {
                 let source = Source::Socket { domain, socket };
@@ -65,10 +64,12 @@ impl EventLoop {
             host,
             apps,
             status,
-            attached,
+            attachment,
+            watch,
             signals,
             readiness,
             datagram: vec![0; DATAGRAM],
+            wakeups: 0,
         })
     }
 
@@ -78,6 +79,7 @@ impl EventLoop {
             let now = Instant::now();
             self.handle_timeouts(now);
             let sources = self.readiness.wait(self.timeout(now)).context("epoll")?;
+            self.wakeups += 1;
             let now = Instant::now();
             for source in sources {
                 if source == Source::Signal && self.signalled() {
@@ -107,14 +109,11 @@ impl EventLoop {
         match source {
             Source::Signal => {}
             Source::Addresses => {
-                let Attached {
-                    loader,
-                    mode,
-                    watch,
-                } = &mut self.attached;
-                watch.drain();
-                self.host.refresh_interfaces(now, loader, *mode);
+                self.watch.drain();
+                self.host.refresh_interfaces(now, &mut self.attachment);
             }
+            Source::News => self.host.read_news(now),
+            Source::Inboxes => self.apps.welcome_all(now, &mut self.host, &self.readiness),
             Source::AppListener => self.apps.accept(now, &self.readiness),
             Source::StatusListener => self.accept_status(now),
             Source::Socket { domain, socket } => {
@@ -129,7 +128,13 @@ impl EventLoop {
 
     fn accept_status(&mut self, now: Instant) {
         let document = || {
-            let status = status::status_of_daemon(self.inode, &self.host, &self.apps);
+            let running = Running {
+                host: &self.host,
+                apps: &self.apps,
+                attachment: &self.attachment,
+                wakeups: self.wakeups,
+            };
+            let status = status::status_of_daemon(self.inode, &running);
             match status.and_then(|status| Ok(serde_json::to_vec(&status)?)) {
                 Ok(document) => document,
                 Err(error) => {

@@ -12,11 +12,14 @@ use rtps_ebpf::abi::{APP_ATTACHED, App};
 use rtps_user::layer::protocol::{FromLayer, Hello, LAYER_PROTOCOL_VERSION, ToLayer, Welcome};
 use tracing::{debug, error, info, warn};
 
+use crate::attachment::Attachment;
 use crate::domain::{DomainHost, Effects};
+use crate::inboxes::{Inboxes, Made, Order};
 use crate::interfaces::{self, Interface};
-use crate::kernel_maps::{Inbox, KernelMaps};
-use crate::loader::{Loader, WantedMode};
+use crate::kernel_maps::{KernelMaps, monotonic_now};
+use crate::news::News;
 use crate::random;
+use crate::sign_of_life::SignOfLife;
 
 /// How long the slots of apps outlive a killed rtpsd that has been started again.
 pub(crate) const RESUME_GRACE: Duration = Duration::from_secs(5);
@@ -44,8 +47,8 @@ pub(crate) struct Seat {
 pub(crate) struct Admission {
     pub(crate) seat: Seat,
     pub(crate) welcome: Welcome,
-    /// `None` for an app that came back and still has it.
-    pub(crate) inbox: Option<Inbox>,
+    /// Whether the app came back and still has its inbox; else it is to be welcomed when it is there.
+    pub(crate) has_inbox: bool,
 }
 
 /// A slot whose app has not come back since rtpsd was started again.
@@ -59,26 +62,36 @@ pub(crate) struct Host {
     pub(crate) interfaces: Vec<Interface>,
     pub(crate) kernel: KernelMaps,
     pub(crate) domains: Vec<DomainHost>,
+    pub(crate) news: News,
+    pub(crate) inboxes: Inboxes,
+    life: SignOfLife,
     occupied: SlotSet,
     awaited: BTreeMap<u8, Awaited>,
     replies: Vec<(u8, FromLayer)>,
     max_ring: u32,
 }
 
+/// What a host is made of.
+pub(crate) struct Parts {
+    pub(crate) interfaces: Vec<Interface>,
+    pub(crate) kernel: KernelMaps,
+    pub(crate) domains: Vec<DomainHost>,
+    pub(crate) news: News,
+    pub(crate) inboxes: Inboxes,
+    pub(crate) life: SignOfLife,
+}
+
 impl Host {
-    /// Takes over the slots that the kernel still delivers to; those of domains that are no longer served, and
-    /// those of apps that do not come back in time, are freed.
-    pub(crate) fn new(
-        interfaces: Vec<Interface>,
-        kernel: KernelMaps,
-        domains: Vec<DomainHost>,
-        max_ring: u32,
-        now: Instant,
-    ) -> Result<Self> {
+    /// Brings the kernel up to date and has it act. Takes over the slots that the kernel still delivers to; those of
+    /// domains that are no longer served, and those of apps that do not come back in time, are freed.
+    pub(crate) fn new(parts: Parts, max_ring: u32, now: Instant) -> Result<Self> {
         let mut host = Self {
-            interfaces,
-            kernel,
-            domains,
+            interfaces: parts.interfaces,
+            kernel: parts.kernel,
+            domains: parts.domains,
+            news: parts.news,
+            inboxes: parts.inboxes,
+            life: parts.life,
             occupied: SlotSet::EMPTY,
             awaited: BTreeMap::new(),
             replies: Vec::new(),
@@ -96,11 +109,21 @@ impl Host {
             info!(slots = host.awaited.len(), "waiting for apps to come back");
         }
         host.drain_all(now);
+        for domain in &host.domains {
+            domain.forget_old_samples(&mut host.kernel);
+        }
+        host.give_sign_of_life(now)?;
         Ok(host)
     }
 
-    /// Takes an app, or says in a sentence why not.
-    pub(crate) fn attach(&mut self, now: Instant, hello: &Hello) -> Result<Admission, String> {
+    /// Takes an app, or says in a sentence why not. Nothing is delivered to it before [`open`](Self::open), unless it
+    /// has come back.
+    pub(crate) fn attach(
+        &mut self,
+        now: Instant,
+        connection: u32,
+        hello: &Hello,
+    ) -> Result<Admission, String> {
         self.check(hello)?;
         let position = self.position(hello.domain)?;
         let token = random::token().map_err(|error| format!("{error:#}"))?;
@@ -116,19 +139,30 @@ impl Host {
             doorbell_port: hello.doorbell_port,
         };
         let domain_index = domain.identity.domain_index;
-        match self.open_inbox(&seat, domain_index, hello) {
-            Ok(inbox) => {
+        let order = Order {
+            connection,
+            slot: seat.slot,
+            app: App {
+                state: APP_ATTACHED,
+                domain_index,
+                doorbell_port: seat.doorbell_port.into(),
+                reserved: 0,
+            },
+            ring_bytes: ring_size(hello.ring_bytes, self.max_ring),
+        };
+        match self.provide_inbox(order, hello) {
+            Ok(has_inbox) => {
                 self.occupied.insert(seat.slot);
                 self.drain_all(now);
                 Ok(Admission {
                     seat,
                     welcome,
-                    inbox,
+                    has_inbox,
                 })
             }
-            Err(error) => {
+            Err(reason) => {
                 self.detach(now, &seat);
-                Err(format!("rtpsd cannot make the app's ring: {error:#}"))
+                Err(reason)
             }
         }
     }
@@ -160,27 +194,30 @@ impl Host {
             })
     }
 
-    /// The ring and bell of a new app; `None` for one that still has them.
-    fn open_inbox(
-        &mut self,
-        seat: &Seat,
-        domain_index: u32,
-        hello: &Hello,
-    ) -> Result<Option<Inbox>> {
-        let app = App {
-            state: APP_ATTACHED,
-            domain_index,
-            doorbell_port: seat.doorbell_port.into(),
-            reserved: 0,
-        };
-        let returned = hello.resume.is_some_and(|resume| resume.slot == seat.slot)
-            && self.awaited.remove(&seat.slot).is_some();
-        if returned {
-            self.kernel.update_app(seat.slot, app)?;
-            return Ok(None);
+    /// Has the inbox of a new app made; true for an app that still has its own.
+    fn provide_inbox(&mut self, order: Order, hello: &Hello) -> Result<bool, String> {
+        let has_returned = hello.resume.is_some_and(|resume| resume.slot == order.slot)
+            && self.awaited.remove(&order.slot).is_some();
+        if has_returned {
+            self.kernel
+                .set_app(order.slot, order.app)
+                .map_err(|error| format!("{error:#}"))?;
+        } else {
+            self.inboxes.make(order)?;
         }
-        let size = ring_size(hello.ring_bytes, self.max_ring);
-        Ok(Some(self.kernel.attach_app(seat.slot, app, size)?))
+        Ok(has_returned)
+    }
+
+    /// The next inbox that has been made; to be opened if its app is still there.
+    pub(crate) fn next_inbox(&mut self) -> Option<Made> {
+        self.inboxes.next()
+    }
+
+    /// Has the kernel deliver to an app whose inbox is in place.
+    pub(crate) fn open(&mut self, order: &Order) -> Result<(), String> {
+        self.kernel
+            .set_app(order.slot, order.app)
+            .map_err(|error| format!("{error:#}"))
     }
 
     /// Does what an attached app asks for.
@@ -203,9 +240,10 @@ impl Host {
     fn free_slot(&mut self, slot: u8) {
         self.occupied.remove(slot);
         self.awaited.remove(&slot);
-        if let Err(error) = self.kernel.detach_app(slot) {
+        if let Err(error) = self.kernel.remove_app(slot) {
             warn!(slot, "{error:#}");
         }
+        self.inboxes.free(slot);
     }
 
     /// Reads from one of a domain's sockets.
@@ -226,11 +264,28 @@ impl Host {
         }
     }
 
+    /// Reads what the kernel has to tell of discovery.
+    pub(crate) fn read_news(&mut self, now: Instant) {
+        let mut effects = Effects {
+            kernel: &mut self.kernel,
+            interfaces: &self.interfaces,
+            replies: &mut self.replies,
+        };
+        let domains = &mut self.domains;
+        self.news.read(|item| {
+            let index = item.domain_index;
+            let mut served = domains.iter_mut();
+            if let Some(domain) = served.find(|d| d.identity.domain_index == index) {
+                domain.learn(now, &item, &mut effects);
+            }
+        });
+    }
+
     /// When [`handle_timeouts`](Self::handle_timeouts) is due.
     pub(crate) fn next_timeout(&self) -> Option<Instant> {
         let awaited = self.awaited.values().map(|awaited| awaited.until);
         let domains = self.domains.iter().filter_map(DomainHost::next_timeout);
-        domains.chain(awaited).min()
+        domains.chain(awaited).chain(self.life.due()).min()
     }
 
     /// Does what is due.
@@ -246,6 +301,16 @@ impl Host {
             }
         }
         self.free_overdue_slots(now);
+        if let Err(error) = self.give_sign_of_life(now) {
+            error!("{error:#}");
+        }
+    }
+
+    fn give_sign_of_life(&mut self, now: Instant) -> Result<()> {
+        match self.life.give(now, monotonic_now()) {
+            Some(config) => self.kernel.configure(config),
+            None => Ok(()),
+        }
     }
 
     fn free_overdue_slots(&mut self, now: Instant) {
@@ -267,21 +332,19 @@ impl Host {
     }
 
     /// Addresses or interfaces of this network namespace changed.
-    pub(crate) fn refresh_interfaces(
-        &mut self,
-        now: Instant,
-        loader: &mut Loader,
-        mode: WantedMode,
-    ) {
+    pub(crate) fn refresh_interfaces(&mut self, now: Instant, attachment: &mut Attachment) {
         let refreshed =
             interfaces::own_addresses().and_then(|addresses| self.kernel.set_addresses(&addresses));
         if let Err(error) = refreshed {
             error!("{error:#}");
         }
         for position in 0..self.interfaces.len() {
-            if let Err(error) = self.refresh_interface(position, loader, mode) {
+            if let Err(error) = self.refresh_interface(position, attachment) {
                 error!("{error:#}");
             }
+        }
+        if let Err(error) = attachment.describe(&self.interfaces, &mut self.kernel) {
+            error!("{error:#}");
         }
         for domain in &mut self.domains {
             domain.set_addresses(now, &self.interfaces);
@@ -290,12 +353,7 @@ impl Host {
     }
 
     /// An interface that was removed and made again has another index: it starts anew.
-    fn refresh_interface(
-        &mut self,
-        position: usize,
-        loader: &mut Loader,
-        mode: WantedMode,
-    ) -> Result<()> {
+    fn refresh_interface(&mut self, position: usize, attachment: &mut Attachment) -> Result<()> {
         let Some(known) = self.interfaces.get_mut(position) else {
             return Ok(());
         };
@@ -308,21 +366,24 @@ impl Host {
         };
         let is_new = found.index != known.index;
         *known = found.clone();
+        // Again, for the groups of a family that it had no addresses of before.
+        for domain in &self.domains {
+            domain.sockets.join(&found)?;
+        }
         if !is_new {
             return Ok(());
         }
         self.kernel.count_interfaces(&self.interfaces)?;
-        for domain in &self.domains {
-            domain.sockets.join(&found)?;
-        }
-        loader.detach_others(&self.interfaces)?;
-        let mode = loader.attach(&found, mode)?;
-        info!(interface = found.name, %mode, "the interface is back");
+        attachment.attach(&found, &self.interfaces)?;
+        info!(interface = found.name, "the interface is back");
         Ok(())
     }
 
     /// Leaves every domain, telling the others.
     pub(crate) fn shutdown(&mut self, now: Instant) {
+        if let Err(error) = self.kernel.configure(self.life.last()) {
+            error!("{error:#}");
+        }
         for domain in &mut self.domains {
             domain.layer.shutdown(now);
         }

@@ -1,7 +1,8 @@
 //! The interfaces that the layer works on, and the addresses of this network namespace.
 
 use std::collections::BTreeSet;
-use std::net::{IpAddr, Ipv4Addr, UdpSocket};
+use std::fs;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 
 use anyhow::{Context, Result, bail};
@@ -11,17 +12,15 @@ use nix::net::if_::if_nametoindex;
 use nix::sys::socket::{
     AddressFamily, MsgFlags, NetlinkAddr, SockFlag, SockProtocol, SockType, bind, recv, socket,
 };
+use rtps_user::ipv6::{self, Assigned};
 
 use crate::sys;
 
 /// The index of the loopback interface in every network namespace.
 pub(crate) const LOOPBACK_INDEX: u32 = 1;
 
-/// IPv4 and UDP header, in bytes.
-const IP_AND_UDP_HEADERS: u32 = 20 + 8;
-
-/// The largest payload of a UDP datagram over IPv4.
-const LARGEST_DATAGRAM: u32 = 65_507;
+/// The kernel's table of IPv6 addresses of the calling thread's network namespace; there is none without IPv6.
+const IPV6_ADDRESSES: &str = "/proc/thread-self/net/if_inet6";
 
 /// An interface that the layer was told to work on.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -30,11 +29,12 @@ pub(crate) struct Interface {
     pub(crate) index: u32,
     /// The largest IP packet that goes out in one piece.
     pub(crate) mtu: u32,
-    pub(crate) addresses: Vec<Ipv4Addr>,
+    /// Its addresses that others are told of, IPv4 first; none as long as the kernel checks whether they are unique.
+    pub(crate) addresses: Vec<IpAddr>,
 }
 
 impl Interface {
-    /// Looks an interface up; it must exist and have an IPv4 address.
+    /// Looks an interface up; it must exist and have an address.
     pub(crate) fn find(name: &str) -> Result<Self> {
         let index = if_nametoindex(name).with_context(|| {
             format!(
@@ -44,10 +44,10 @@ impl Interface {
         let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
         let mtu = sys::interface_mtu(socket.as_fd(), name)
             .with_context(|| format!("cannot read the MTU of `{name}`"))?;
-        let addresses = ipv4_addresses(name)?;
-        if addresses.is_empty() {
+        let (v4, v6) = (ipv4_addresses(name)?, ipv6_addresses(name));
+        if v4.is_empty() && v6.is_empty() {
             bail!(
-                "interface `{name}` has no IPv4 address, so nobody could answer; give it one first, \
+                "interface `{name}` has no address, so nobody could answer; give it one first, \
                  such as `ip addr add 10.0.0.1/24 dev {name}`, and set it up"
             );
         }
@@ -55,27 +55,45 @@ impl Interface {
             name: name.to_owned(),
             index,
             mtu,
-            addresses,
+            addresses: ipv6::announced(v4, v6),
         })
+    }
+
+    /// The address that datagrams to a group come from; `None` where the interface has none of the family.
+    pub(crate) fn source(&self, group: IpAddr) -> Option<IpAddr> {
+        let mut addresses = self.addresses.iter();
+        let is_same_family = |ip: &&IpAddr| ip.is_ipv6() == group.is_ipv6();
+        addresses.find(is_same_family).copied()
     }
 }
 
-/// The most bytes of UDP payload that no interface has to fragment.
+/// The most bytes of UDP payload that no interface has to fragment, whichever family carries it.
 pub(crate) fn datagram_size(interfaces: &[Interface]) -> u16 {
     let mtu = interfaces.iter().map(|interface| interface.mtu).min();
-    let size = mtu
-        .unwrap_or(1500)
-        .saturating_sub(IP_AND_UDP_HEADERS)
-        .clamp(512, LARGEST_DATAGRAM);
-    u16::try_from(size).unwrap_or(u16::MAX)
+    let mtu = u16::try_from(mtu.unwrap_or(1500)).unwrap_or(u16::MAX);
+    mtu.saturating_sub(ipv6::HEADERS).max(512)
 }
 
-fn ipv4_addresses(name: &str) -> Result<Vec<Ipv4Addr>> {
+/// Where a port of a host with these interfaces is reached.
+pub(crate) fn locators(interfaces: &[Interface], port: u16) -> Vec<SocketAddr> {
+    let addresses = interfaces.iter().map(|known| known.addresses.as_slice());
+    ipv6::locators(addresses, port)
+}
+
+fn ipv4_addresses(name: &str) -> Result<Vec<IpAddr>> {
     Ok(getifaddrs()
         .context("cannot list the interfaces' addresses")?
         .filter(|entry| entry.interface_name == name)
-        .filter_map(|entry| Some(entry.address?.as_sockaddr_in()?.ip()))
+        .filter_map(|entry| Some(entry.address?.as_sockaddr_in()?.ip().into()))
         .collect())
+}
+
+/// The IPv6 addresses of an interface, with those that others are not told of.
+pub(crate) fn ipv6_addresses(name: &str) -> Vec<Assigned> {
+    let table = fs::read_to_string(IPV6_ADDRESSES).unwrap_or_default();
+    ipv6::read_table(&table)
+        .filter(|address| address.name == name)
+        .collect()
 }
 
 /// Every unicast address of this network namespace, as the `addresses` map keys them: IPv4 mapped into IPv6.
@@ -94,8 +112,9 @@ pub(crate) fn own_addresses() -> Result<BTreeSet<[u8; 16]>> {
         .collect())
 }
 
-fn mapped(ip: IpAddr) -> [u8; 16] {
-    match ip {
+/// An address as the programs see it in packets, which do not tell the interface of a link-local one.
+pub(crate) fn mapped(ip: IpAddr) -> [u8; 16] {
+    match ipv6::without_interface(ip) {
         IpAddr::V4(ip) => ip.to_ipv6_mapped().octets(),
         IpAddr::V6(ip) => ip.octets(),
     }
@@ -145,6 +164,8 @@ impl AsFd for AddressWatch {
 
 #[cfg(test)]
 mod tests {
+    use std::net::Ipv6Addr;
+
     use super::*;
 
     fn interface(mtu: u32) -> Interface {
@@ -160,10 +181,23 @@ mod tests {
     fn datagrams_fit_the_smallest_mtu() {
         assert_eq!(
             datagram_size(&[interface(9000), interface(1500)]),
-            1500 - 28
+            1500 - 48
         );
-        assert_eq!(datagram_size(&[interface(65_536)]), 65_507);
+        assert_eq!(datagram_size(&[interface(65_536)]), 65_487);
         assert_eq!(datagram_size(&[interface(68)]), 512);
+    }
+
+    #[test]
+    fn groups_are_sent_to_from_an_address_of_their_family() {
+        let mut interface = interface(1500);
+        let group = IpAddr::from(ipv6::GROUPS[0]);
+        assert_eq!(interface.source(group), None);
+        interface.addresses = vec![[10, 0, 0, 1].into(), Ipv6Addr::LOCALHOST.into()];
+        assert_eq!(interface.source(group), Some(Ipv6Addr::LOCALHOST.into()));
+        assert_eq!(
+            interface.source([239, 255, 0, 1].into()),
+            Some([10, 0, 0, 1].into())
+        );
     }
 
     #[test]

@@ -1,19 +1,23 @@
 //! The maps that rtpsd shares with the programs, by their pins; who writes which stands in `docs/abi.md`.
 
+mod discovery;
+mod peers;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
-use std::os::fd::{AsFd, OwnedFd};
+use std::os::fd::AsFd;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
 use aya::Pod;
 use aya::maps::{Array, ArrayOfMaps, HashMap, Map, MapData, MapError, PerCpuHashMap, PerCpuValues};
 use aya::util::nr_cpus;
-use aya_obj::generated::{BPF_F_MMAPABLE, BPF_NOEXIST};
+pub(crate) use discovery::{BuiltinSample, DiscoveryMaps};
 use nix::time::{ClockId, clock_gettime};
-use rtps_ebpf::abi::{self, App, Bell, Config, Domain, Peer, PortConfig, name};
+pub(crate) use peers::Peers;
+use rtps_ebpf::abi::{self, App, Config, Domain, PortConfig, name};
 use rtps_ebpf::{ABI_VERSION, Counter, SlotSet};
-use rtps_user::wire::{Guid, GuidPrefix};
+use rtps_user::wire::{EntityId, Guid};
 
 use crate::interfaces::{Interface, LOOPBACK_INDEX};
 use crate::pins::PinFolder;
@@ -30,16 +34,10 @@ pub(crate) struct KernelMaps {
     addresses: HashMap<MapData, [u8; 16], u32>,
     routes: HashMap<MapData, [u8; 16], SlotSet>,
     apps: Array<MapData, App>,
-    bells: SlotMaps,
-    rings: SlotMaps,
-    peers: HashMap<MapData, [u8; 12], Peer>,
+    rings: ArrayOfMaps<MapData, MapData>,
+    pub(crate) peers: Peers,
+    pub(crate) discovery: DiscoveryMaps,
     counters: PerCpuHashMap<MapData, u32, Counts>,
-}
-
-/// What an attached app maps into its memory.
-pub(crate) struct Inbox {
-    pub(crate) ring: OwnedFd,
-    pub(crate) bell: OwnedFd,
 }
 
 impl KernelMaps {
@@ -52,26 +50,22 @@ impl KernelMaps {
             addresses: open(folder, name::ADDRESSES)?,
             routes: open(folder, name::ROUTES)?,
             apps: open(folder, name::APPS)?,
-            bells: SlotMaps::open(folder, name::BELLS)?,
-            rings: SlotMaps::open(folder, name::RINGS)?,
-            peers: open(folder, name::PEERS)?,
+            rings: open(folder, name::RINGS)?,
+            peers: Peers::open(folder)?,
+            discovery: DiscoveryMaps::open(folder)?,
             counters: open(folder, name::COUNTERS)?,
         })
     }
 
-    /// Lets the programs act; to be called when everything else is in place.
-    pub(crate) fn enable(&mut self, doorbell: u32) -> Result<()> {
-        let config = Config {
-            abi_version: ABI_VERSION,
-            doorbell,
-        };
+    /// Lets the programs act; to be called when everything else is in place, and then now and then as a sign of life.
+    pub(crate) fn configure(&mut self, config: Config) -> Result<()> {
         self.config.set(0, config, 0).context("map `config`")
     }
 
-    /// The kind of doorbell in force; `None` while the programs leave every packet alone.
-    pub(crate) fn doorbell(&self) -> Option<u32> {
+    /// What the programs act by; `None` while they leave every packet alone.
+    pub(crate) fn config(&self) -> Option<Config> {
         let config = self.config.get(&0, 0).ok()?;
-        (config.abi_version == ABI_VERSION).then_some(config.doorbell)
+        (config.abi_version == ABI_VERSION).then_some(config)
     }
 
     /// Says which participant the host is in a domain.
@@ -140,58 +134,14 @@ impl KernelMaps {
         }
     }
 
-    /// Has the traffic of a participant noted; one that already is stays as it is.
-    pub(crate) fn add_peer(&mut self, peer: GuidPrefix) -> Result<()> {
-        let now = Peer {
-            last_seen_ns: nanoseconds(monotonic_now()),
-        };
-        match self.peers.insert(peer.0, now, BPF_NOEXIST.into()) {
-            Err(MapError::SyscallError(error))
-                if error.io_error.kind() == io::ErrorKind::AlreadyExists =>
-            {
-                Ok(())
-            }
-            other => other.context("map `peers`"),
-        }
-    }
-
-    /// Forgets a participant.
-    pub(crate) fn remove_peer(&mut self, peer: GuidPrefix) -> Result<()> {
-        ignore_missing(self.peers.remove(&peer.0)).context("map `peers`")
-    }
-
-    /// How long ago the kernel saw a message of the participant; `None` when it is unknown.
-    pub(crate) fn peer_silence(&self, peer: GuidPrefix) -> Option<Duration> {
-        let seen = self.peers.get(&peer.0, 0).ok()?.last_seen_ns;
-        Some(monotonic_now().saturating_sub(Duration::from_nanos(seen)))
-    }
-
-    /// Makes ring and bell of a slot, and lets the kernel deliver to it.
-    pub(crate) fn attach_app(&mut self, slot: u8, app: App, ring_bytes: u32) -> Result<Inbox> {
-        let ring = create(RINGBUF, 0, 0, ring_bytes, 0, "rtps_ring")?;
-        let bell_size = size_of::<Bell>() as u32;
-        let bell = create(ARRAY, 4, bell_size, 1, BPF_F_MMAPABLE, "rtps_bell")?;
-        self.bells.set(slot, &bell).context("map `bells`")?;
-        self.rings.set(slot, &ring).context("map `rings`")?;
-        self.apps.set(slot.into(), app, 0).context("map `apps`")?;
-        Ok(Inbox {
-            ring: ring.fd().as_fd().try_clone_to_owned()?,
-            bell: bell.fd().as_fd().try_clone_to_owned()?,
-        })
-    }
-
-    /// Notes a changed doorbell of an attached app.
-    pub(crate) fn update_app(&mut self, slot: u8, app: App) -> Result<()> {
+    /// Has the kernel deliver to an app, whose ring and bell are in place, or notes its changed doorbell.
+    pub(crate) fn set_app(&mut self, slot: u8, app: App) -> Result<()> {
         self.apps.set(slot.into(), app, 0).context("map `apps`")
     }
 
-    /// Stops delivery to a slot and lets go of its ring and bell; they are freed when the app has closed them, too.
-    pub(crate) fn detach_app(&mut self, slot: u8) -> Result<()> {
-        self.apps
-            .set(slot.into(), App::default(), 0)
-            .context("map `apps`")?;
-        self.rings.clear(slot).context("map `rings`")?;
-        self.bells.clear(slot).context("map `bells`")
+    /// Stops delivery to a slot.
+    pub(crate) fn remove_app(&mut self, slot: u8) -> Result<()> {
+        self.set_app(slot, App::default())
     }
 
     /// The slots that the kernel delivers to.
@@ -208,43 +158,9 @@ impl KernelMaps {
 
     /// The size of a slot's ring and how much of it waits to be read, in bytes.
     pub(crate) fn ring_usage(&self, slot: u8) -> Option<(u32, u64)> {
-        let ring = self.rings.inner(slot)?;
+        let ring = self.rings.get(&slot.into(), 0).ok()?;
         let size = ring.info().ok()?.max_entries();
         Some((size, sys::ring_fill(ring.fd().as_fd()).ok()?))
-    }
-}
-
-/// BPF_MAP_TYPE_ARRAY.
-const ARRAY: u32 = aya_obj::generated::bpf_map_type::BPF_MAP_TYPE_ARRAY as u32;
-/// BPF_MAP_TYPE_RINGBUF.
-const RINGBUF: u32 = aya_obj::generated::bpf_map_type::BPF_MAP_TYPE_RINGBUF as u32;
-
-/// An array of maps with one inner map for each slot.
-struct SlotMaps {
-    outer: Map,
-}
-
-impl SlotMaps {
-    fn open(folder: &PinFolder, name: &str) -> Result<Self> {
-        let outer = pinned(folder, name)?;
-        ArrayOfMaps::<_, MapData>::try_from(&outer).with_context(|| format!("map `{name}`"))?;
-        Ok(Self { outer })
-    }
-
-    fn set(&mut self, slot: u8, inner: &MapData) -> Result<(), MapError> {
-        ArrayOfMaps::<_, MapData>::try_from(&mut self.outer)?.set(slot.into(), inner, 0)
-    }
-
-    fn clear(&self, slot: u8) -> io::Result<()> {
-        match &self.outer {
-            Map::ArrayOfMaps(outer) => sys::clear_inner_map(outer.fd().as_fd(), slot.into()),
-            _ => Ok(()),
-        }
-    }
-
-    fn inner(&self, slot: u8) -> Option<MapData> {
-        let outer = ArrayOfMaps::<_, MapData>::try_from(&self.outer).ok()?;
-        outer.get(&slot.into(), 0).ok()
     }
 }
 
@@ -255,7 +171,8 @@ fn pinned(folder: &PinFolder, name: &str) -> Result<Map> {
         .with_context(|| format!("cannot open the pinned map {}", path.display()))
 }
 
-fn open<T>(folder: &PinFolder, name: &str) -> Result<T>
+/// Opens a pinned map as what it is used as.
+pub(crate) fn open<T>(folder: &PinFolder, name: &str) -> Result<T>
 where
     T: TryFrom<Map, Error = MapError>,
 {
@@ -305,11 +222,32 @@ pub(crate) fn ignore_missing(result: Result<(), MapError>) -> Result<(), MapErro
     }
 }
 
+/// The number of a reliable built-in writer in the maps.
+pub(crate) fn builtin_writer(writer: EntityId) -> Option<u32> {
+    match writer {
+        EntityId::SEDP_PUBLICATIONS_WRITER => Some(abi::PUBLICATIONS),
+        EntityId::SEDP_SUBSCRIPTIONS_WRITER => Some(abi::SUBSCRIPTIONS),
+        EntityId::PARTICIPANT_MESSAGE_WRITER => Some(abi::PARTICIPANT_MESSAGES),
+        _ => None,
+    }
+}
+
+/// The built-in reader of the same topic as the built-in writer with this number.
+pub(crate) fn builtin_reader(writer: u32) -> Option<EntityId> {
+    match writer {
+        abi::PUBLICATIONS => Some(EntityId::SEDP_PUBLICATIONS_READER),
+        abi::SUBSCRIPTIONS => Some(EntityId::SEDP_SUBSCRIPTIONS_READER),
+        abi::PARTICIPANT_MESSAGES => Some(EntityId::PARTICIPANT_MESSAGE_READER),
+        _ => None,
+    }
+}
+
 /// CLOCK_MONOTONIC, which the programs' time stamps are of.
-fn monotonic_now() -> Duration {
+pub(crate) fn monotonic_now() -> Duration {
     clock_gettime(ClockId::CLOCK_MONOTONIC).map_or(Duration::ZERO, Duration::from)
 }
 
-fn nanoseconds(duration: Duration) -> u64 {
+/// As the maps keep times.
+pub(crate) fn nanoseconds(duration: Duration) -> u64 {
     u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
 }

@@ -10,20 +10,25 @@
 #![deny(unsafe_code)]
 
 mod apps;
+mod attachment;
 mod cli;
 mod daemon;
 mod domain;
+mod ethernet;
 mod event_loop;
 mod host;
+mod inboxes;
 mod interfaces;
 mod kernel_maps;
 mod loader;
 mod netns;
+mod news;
 mod packet_socket;
 mod pins;
 mod random;
 mod readiness;
 mod run_folder;
+mod sign_of_life;
 mod sockets;
 mod status;
 mod status_server;
@@ -31,7 +36,7 @@ mod store;
 mod sys;
 mod unload;
 
-pub use cli::{Doorbell, Options, Peer};
+pub use cli::{Discovery, Doorbell, Options, Peer};
 pub use daemon::run;
 pub use loader::{AttachedMode, WantedMode};
 pub use netns::{inode as network_namespace, join_shared_mounts};

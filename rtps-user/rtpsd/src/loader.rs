@@ -3,10 +3,10 @@
 //! Maps are reused when they are what this build would make; programs are always loaded anew and replace the ones
 //! on the pinned links in one step, so that no datagram passes unseen in between.
 
+mod classifier;
+
 use std::collections::BTreeMap;
 use std::fmt;
-use std::fs;
-use std::io;
 
 use anyhow::{Context, Result, anyhow, bail};
 use aya::maps::{MapData, MapInfo};
@@ -20,7 +20,8 @@ use serde::{Deserialize, Serialize};
 use tracing::{debug, info, warn};
 
 use crate::interfaces::Interface;
-use crate::pins::PinFolder;
+use crate::pins::{Hook, PinFolder};
+use crate::run_folder::remove_if_there;
 
 /// Which XDP mode is wanted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -35,7 +36,7 @@ pub enum WantedMode {
 }
 
 /// The XDP mode that took effect.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum AttachedMode {
     /// Run by the driver.
@@ -64,12 +65,6 @@ impl AttachedMode {
         }
     }
 
-    pub(crate) fn from_name(name: &str) -> Option<Self> {
-        [Self::Native, Self::Generic]
-            .into_iter()
-            .find(|mode| mode.name() == name)
-    }
-
     fn flags(self) -> XdpMode {
         match self {
             Self::Native => XdpMode::Driver,
@@ -88,6 +83,8 @@ impl fmt::Display for AttachedMode {
 pub(crate) struct Loader {
     folder: PinFolder,
     ebpf: Ebpf,
+    /// Whether the classifier is among them; else why not.
+    classifier: Result<(), String>,
 }
 
 impl Loader {
@@ -107,7 +104,11 @@ impl Loader {
         filter_program(&mut ebpf)?
             .load()
             .context("the kernel's verifier refuses the socket filter")?;
-        let mut loaded = Self { folder, ebpf };
+        let mut loaded = Self {
+            folder,
+            classifier: classifier::load(&mut ebpf),
+            ebpf,
+        };
         loaded.pin_programs()?;
         Ok(loaded)
     }
@@ -128,7 +129,7 @@ impl Loader {
                 return Ok(mode);
             }
         }
-        self.detach_where(|index| index == interface.index)?;
+        self.detach_where(|index, hook| index == interface.index && matches!(hook, Hook::Xdp(_)))?;
         let mut refusals = Vec::new();
         for &mode in wanted.attempts() {
             match self.attach_new(interface, mode) {
@@ -150,14 +151,13 @@ impl Loader {
 
     /// Detaches what an earlier rtpsd had attached to interfaces that are no longer asked for.
     pub(crate) fn detach_others(&self, interfaces: &[Interface]) -> Result<()> {
-        self.detach_where(|index| interfaces.iter().all(|known| known.index != index))
+        self.detach_where(|index, _| interfaces.iter().all(|known| known.index != index))
     }
 
-    fn detach_where(&self, unwanted: impl Fn(u32) -> bool) -> Result<()> {
-        for link in self.folder.xdp_links()? {
-            if unwanted(link.interface_index) {
-                fs::remove_file(&link.path)
-                    .with_context(|| format!("cannot remove {}", link.path.display()))?;
+    fn detach_where(&self, unwanted: impl Fn(u32, Hook) -> bool) -> Result<()> {
+        for link in self.folder.links()? {
+            if unwanted(link.interface_index, link.hook) {
+                remove_if_there(&link.path)?;
             }
         }
         Ok(())
@@ -165,7 +165,8 @@ impl Loader {
 
     /// Replaces the program on a pinned link; false when there is no such link, or its interface is gone.
     fn take_over(&mut self, interface: &Interface, mode: AttachedMode) -> bool {
-        let Ok(pinned) = PinnedLink::from_pin(self.folder.xdp(interface.index, mode)) else {
+        let Ok(pinned) = PinnedLink::from_pin(self.folder.link(interface.index, Hook::Xdp(mode)))
+        else {
             return false;
         };
         match self.replace_program(pinned) {
@@ -193,7 +194,7 @@ impl Loader {
     }
 
     fn attach_new(&mut self, interface: &Interface, mode: AttachedMode) -> Result<()> {
-        let path = self.folder.xdp(interface.index, mode);
+        let path = self.folder.link(interface.index, Hook::Xdp(mode));
         let xdp = xdp_program(&mut self.ebpf)?;
         let id = xdp
             .attach_to_if_index(interface.index, mode.flags())
@@ -207,13 +208,13 @@ impl Loader {
     }
 
     fn pin_programs(&mut self) -> Result<()> {
-        for program in [name::XDP_PROGRAM, name::FILTER_PROGRAM] {
+        let mut programs = vec![name::XDP_PROGRAM, name::FILTER_PROGRAM];
+        if self.classifier.is_ok() {
+            programs.push(name::INGRESS_PROGRAM);
+        }
+        for program in programs {
             let path = self.folder.entry(program);
-            match fs::remove_file(&path) {
-                Ok(()) => {}
-                Err(error) if error.kind() == io::ErrorKind::NotFound => {}
-                Err(error) => return Err(error).with_context(|| path.display().to_string()),
-            }
+            remove_if_there(&path)?;
             self.ebpf
                 .program_mut(program)
                 .with_context(|| format!("the object has no program `{program}`"))?

@@ -1,8 +1,9 @@
 //! The folder in the BPF file system where maps, programs and links outlive rtpsd.
 //!
 //! `<bpffs>/rtps-v<ABI>/<network namespace inode>/` holds each map and program under its name, the maps that
-//! rtpsd makes for itself, and each XDP link as `xdp-<interface index>-<mode>`: an index because a name may
-//! contain dots, which the BPF file system does not take, and the mode because the kernel does not tell it.
+//! rtpsd makes for itself, each XDP link as `xdp-<interface index>-<mode>`, and each tcx link as
+//! `tcx-<interface index>-<direction>`: an index because a name may contain dots, which the BPF file system does
+//! not take, and the mode because the kernel does not tell it.
 
 use std::fs;
 use std::io;
@@ -15,6 +16,7 @@ use nix::sys::statfs::{BPF_FS_MAGIC, statfs};
 use rtps_ebpf::ABI_VERSION;
 
 use crate::loader::AttachedMode;
+use crate::run_folder::remove_if_there;
 
 const BPFFS: &str = "/sys/fs/bpf";
 
@@ -24,11 +26,36 @@ pub struct PinFolder {
     path: PathBuf,
 }
 
-/// An XDP link found in a [`PinFolder`].
+/// What a pinned link attaches to its interface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Hook {
+    /// The classifier on ingress, by tcx.
+    Ingress,
+    /// XDP.
+    Xdp(AttachedMode),
+}
+
+impl Hook {
+    const ALL: [Self; 3] = [
+        Self::Ingress,
+        Self::Xdp(AttachedMode::Native),
+        Self::Xdp(AttachedMode::Generic),
+    ];
+
+    /// What comes before and after the interface's index in a pin's name.
+    fn name_parts(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Ingress => ("tcx", "ingress"),
+            Self::Xdp(mode) => ("xdp", mode.name()),
+        }
+    }
+}
+
+/// A link found in a [`PinFolder`].
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct PinnedXdp {
+pub(crate) struct LinkPin {
     pub(crate) interface_index: u32,
-    pub(crate) mode: AttachedMode,
+    pub(crate) hook: Hook,
     pub(crate) path: PathBuf,
 }
 
@@ -64,9 +91,10 @@ impl PinFolder {
         self.path.join(name)
     }
 
-    /// Where an XDP link is pinned.
-    pub(crate) fn xdp(&self, interface_index: u32, mode: AttachedMode) -> PathBuf {
-        self.entry(&format!("xdp-{interface_index}-{}", mode.name()))
+    /// Where the link of a hook is pinned.
+    pub(crate) fn link(&self, interface_index: u32, hook: Hook) -> PathBuf {
+        let (before, after) = hook.name_parts();
+        self.entry(&format!("{before}-{interface_index}-{after}"))
     }
 
     /// Whether anything is pinned.
@@ -74,19 +102,11 @@ impl PinFolder {
         self.path.exists()
     }
 
-    /// Every pinned XDP link, in no order.
-    pub(crate) fn xdp_links(&self) -> Result<Vec<PinnedXdp>> {
-        let mut links = Vec::new();
-        for entry in self.entries()? {
-            let name = entry.file_name().unwrap_or_default().to_string_lossy();
-            if let Some((interface_index, mode)) = parse_xdp_name(&name) {
-                links.push(PinnedXdp {
-                    interface_index,
-                    mode,
-                    path: entry.clone(),
-                });
-            }
-        }
+    /// Every pinned link, in the order in which they are to be removed.
+    pub(crate) fn links(&self) -> Result<Vec<LinkPin>> {
+        let entries = self.entries()?.into_iter();
+        let mut links: Vec<LinkPin> = entries.filter_map(parse_link).collect();
+        links.sort_by_key(|link| link.hook);
         Ok(links)
     }
 
@@ -96,11 +116,9 @@ impl PinFolder {
         if !self.exists() {
             return Ok(false);
         }
-        let (links, others): (Vec<_>, Vec<_>) = self.entries()?.into_iter().partition(|path| {
-            parse_xdp_name(&path.file_name().unwrap_or_default().to_string_lossy()).is_some()
-        });
-        for path in links.iter().chain(&others) {
-            fs::remove_file(path).with_context(|| format!("cannot remove {}", path.display()))?;
+        let links = self.links()?.into_iter().map(|link| link.path);
+        for path in links.chain(self.entries()?) {
+            remove_if_there(&path)?;
         }
         fs::remove_dir(&self.path)
             .with_context(|| format!("cannot remove {}", self.path.display()))?;
@@ -123,9 +141,17 @@ impl PinFolder {
     }
 }
 
-fn parse_xdp_name(name: &str) -> Option<(u32, AttachedMode)> {
-    let (index, mode) = name.strip_prefix("xdp-")?.split_once('-')?;
-    Some((index.parse().ok()?, AttachedMode::from_name(mode)?))
+fn parse_link(path: PathBuf) -> Option<LinkPin> {
+    let name = path.file_name()?.to_str()?;
+    let (before, rest) = name.split_once('-')?;
+    let (index, after) = rest.split_once('-')?;
+    Some(LinkPin {
+        interface_index: index.parse().ok()?,
+        hook: Hook::ALL
+            .into_iter()
+            .find(|hook| hook.name_parts() == (before, after))?,
+        path,
+    })
 }
 
 fn mount_bpffs() -> Result<()> {
@@ -158,12 +184,21 @@ mod tests {
     #[test]
     fn link_names_are_read_back() {
         let folder = PinFolder::of_namespace(42);
-        let path = folder.xdp(7, AttachedMode::Generic);
-        assert!(path.starts_with(format!("{BPFFS}/rtps-v{ABI_VERSION}/42")));
-        let name = path.file_name().unwrap().to_str().unwrap();
-        assert_eq!(parse_xdp_name(name), Some((7, AttachedMode::Generic)));
-        for other in ["xdp-7", "xdp-x-native", "xdp-7-fast", "ports"] {
-            assert_eq!(parse_xdp_name(other), None, "{other}");
+        for hook in Hook::ALL {
+            let path = folder.link(7, hook);
+            assert!(path.starts_with(format!("{BPFFS}/rtps-v{ABI_VERSION}/42")));
+            let link = parse_link(path.clone()).unwrap();
+            assert_eq!((link.interface_index, link.hook), (7, hook));
+            assert_eq!(link.path, path);
+        }
+        for other in [
+            "xdp-7",
+            "xdp-x-native",
+            "xdp-7-fast",
+            "tcx-7-native",
+            "ports",
+        ] {
+            assert_eq!(parse_link(folder.entry(other)), None, "{other}");
         }
     }
 }

@@ -23,6 +23,10 @@ pub(crate) enum Source {
         /// The socket's position.
         socket: u16,
     },
+    /// The kernel has something to tell of discovery.
+    News,
+    /// The inbox of an app is in place.
+    Inboxes,
     /// The connection of this app.
     App(u32),
     /// The connection of somebody who wants the status.
@@ -39,6 +43,8 @@ impl Source {
             Self::Socket { domain, socket } => (4, u32::from(domain) << 16 | u32::from(socket)),
             Self::App(id) => (5, id),
             Self::StatusClient(id) => (6, id),
+            Self::News => (7, 0),
+            Self::Inboxes => (8, 0),
         };
         kind << 32 | u64::from(value)
     }
@@ -56,6 +62,8 @@ impl Source {
             },
             5 => Self::App(value),
             6 => Self::StatusClient(value),
+            7 => Self::News,
+            8 => Self::Inboxes,
             _ => return None,
         })
     }
@@ -144,6 +152,8 @@ mod tests {
                 domain: 15,
                 socket: 3,
             },
+            Source::News,
+            Source::Inboxes,
             Source::App(u32::MAX),
             Source::StatusClient(7),
         ] {

@@ -11,21 +11,25 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use nix::net::if_::if_indextoname;
 use nix::unistd::geteuid;
-use rtps_ebpf::abi::DOORBELL_PACKET;
+use rtps_ebpf::abi::{DISCOVERY_KERNEL, DOORBELL_PACKET};
 use rtps_ebpf::{ABI_VERSION, Counter};
 use serde::{Deserialize, Serialize};
 
 use crate::apps::Apps;
+use crate::attachment::Attachment;
 use crate::host::Host;
 use crate::kernel_maps::KernelMaps;
 use crate::loader::AttachedMode;
 use crate::netns;
-use crate::pins::PinFolder;
+use crate::pins::{Hook, PinFolder};
 use crate::run_folder::RunFolder;
 use crate::store::Identities;
 
 /// How long rtpsd may take to answer.
 const ANSWER_TIME: Duration = Duration::from_secs(5);
+
+/// Who answers where the kernel does not.
+const RTPSD: &str = "rtpsd";
 
 /// The kernel layer of one network namespace.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -42,6 +46,11 @@ pub struct Status {
     pub pins: String,
     /// How sleeping apps are woken: "packet" or "ring"; none while the programs leave every packet alone.
     pub doorbell: Option<String>,
+    /// Who is to answer discovery messages: "kernel", which leaves to rtpsd what it cannot, or "user" for rtpsd alone;
+    /// none while the programs leave every packet alone.
+    pub discovery: Option<String>,
+    /// How often something has woken rtpsd; none when it does not run.
+    pub wakeups: Option<u64>,
     /// Interfaces with XDP.
     pub interfaces: Vec<InterfaceStatus>,
     /// Domains, with what discovery knows.
@@ -61,6 +70,8 @@ pub struct InterfaceStatus {
     pub index: u32,
     /// The mode that took effect.
     pub mode: AttachedMode,
+    /// Who answers discovery messages that come in there: "kernel", or "rtpsd: " and why.
+    pub answers: String,
 }
 
 /// A domain.
@@ -138,6 +149,8 @@ fn status_of_pins(inode: u64, rtpsd: Option<i32>) -> Result<Status> {
         abi_version: ABI_VERSION,
         pins: folder.path().display().to_string(),
         doorbell: None,
+        discovery: None,
+        wakeups: None,
         interfaces: Vec::new(),
         domains: Vec::new(),
         apps: Vec::new(),
@@ -150,10 +163,25 @@ fn status_of_pins(inode: u64, rtpsd: Option<i32>) -> Result<Status> {
     Ok(status)
 }
 
+/// The parts of a running rtpsd that know something.
+pub(crate) struct Running<'a> {
+    pub(crate) host: &'a Host,
+    pub(crate) apps: &'a Apps,
+    pub(crate) attachment: &'a Attachment,
+    pub(crate) wakeups: u64,
+}
+
 /// What the running rtpsd knows.
-pub(crate) fn status_of_daemon(inode: u64, host: &Host, apps: &Apps) -> Result<Status> {
+pub(crate) fn status_of_daemon(inode: u64, running: &Running<'_>) -> Result<Status> {
     let mut status = status_of_pins(inode, i32::try_from(std::process::id()).ok())?;
-    let by_slot: BTreeMap<u8, _> = apps
+    status.wakeups = Some(running.wakeups);
+    for interface in &mut status.interfaces {
+        if let Some(reason) = running.attachment.refusal(interface.index) {
+            interface.answers = format!("{RTPSD}: {reason}");
+        }
+    }
+    let by_slot: BTreeMap<u8, _> = running
+        .apps
         .attached()
         .map(|(connection, seat)| (seat.slot, (connection, seat)))
         .collect();
@@ -166,7 +194,8 @@ pub(crate) fn status_of_daemon(inode: u64, host: &Host, apps: &Apps) -> Result<S
         }
     }
     for domain in &mut status.domains {
-        let served = host.domains.iter().find(|host| host.id == domain.domain);
+        let mut hosts = running.host.domains.iter();
+        let served = hosts.find(|host| host.id == domain.domain);
         if let Some(served) = served {
             domain.discovery = Some(serde_json::to_value(served.layer.status())?);
         }
@@ -175,22 +204,13 @@ pub(crate) fn status_of_daemon(inode: u64, host: &Host, apps: &Apps) -> Result<S
 }
 
 fn fill_from_kernel(status: &mut Status, folder: &PinFolder, kernel: &KernelMaps) -> Result<()> {
-    status.doorbell = kernel.doorbell().map(|doorbell| {
-        let name = if doorbell == DOORBELL_PACKET {
-            "packet"
-        } else {
-            "ring"
-        };
-        name.to_owned()
-    });
-    for link in folder.xdp_links()? {
-        status.interfaces.push(InterfaceStatus {
-            name: interface_name(link.interface_index),
-            index: link.interface_index,
-            mode: link.mode,
-        });
+    if let Some(config) = kernel.config() {
+        let is_packet = config.doorbell == DOORBELL_PACKET;
+        status.doorbell = Some(if is_packet { "packet" } else { "ring" }.to_owned());
+        let is_kernel = config.discovery == DISCOVERY_KERNEL;
+        status.discovery = Some(if is_kernel { "kernel" } else { "user" }.to_owned());
     }
-    status.interfaces.sort_by_key(|interface| interface.index);
+    fill_interfaces(status, folder, kernel)?;
     for (domain, identity) in Identities::open(folder)?.all()? {
         status.domains.push(DomainStatus {
             domain,
@@ -221,6 +241,28 @@ fn fill_from_kernel(status: &mut Status, folder: &PinFolder, kernel: &KernelMaps
             .counters
             .insert(interface_name(index), named.collect());
     }
+    Ok(())
+}
+
+fn fill_interfaces(status: &mut Status, folder: &PinFolder, kernel: &KernelMaps) -> Result<()> {
+    let answering = kernel.discovery.interfaces();
+    for link in folder.links()? {
+        let Hook::Xdp(mode) = link.hook else {
+            continue;
+        };
+        let answers = if answering.contains(&link.interface_index) {
+            "kernel".to_owned()
+        } else {
+            format!("{RTPSD}: the kernel was not told to")
+        };
+        status.interfaces.push(InterfaceStatus {
+            name: interface_name(link.interface_index),
+            index: link.interface_index,
+            mode,
+            answers,
+        });
+    }
+    status.interfaces.sort_by_key(|interface| interface.index);
     Ok(())
 }
 

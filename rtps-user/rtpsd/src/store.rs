@@ -12,7 +12,7 @@ use rtps_ebpf::abi;
 use rtps_user::layer::{MAX_STORE_VALUE, StoreChange, StoreKey};
 use rtps_user::wire::GuidPrefix;
 
-use crate::kernel_maps::{create, ignore_missing};
+use crate::kernel_maps::{create, ignore_missing, monotonic_now, nanoseconds};
 use crate::pins::PinFolder;
 
 const IDENTITY: &str = "identity";
@@ -35,10 +35,16 @@ pub(crate) struct Identity {
     pub(crate) participant_id: Option<u16>,
     /// How often rtpsd has been started with this prefix.
     pub(crate) incarnation: u32,
+    /// CLOCK_MONOTONIC, in nanoseconds, when the host became this participant: counts begin there, and so go on after a
+    /// restart.
+    pub(crate) count_base_ns: u64,
 }
 
+/// As the map keeps an [`Identity`].
+type Words = [u32; 8];
+
 impl Identity {
-    fn to_words(self) -> [u32; 6] {
+    fn to_words(self) -> Words {
         let [a, b, c, d, e, f, g, h, i, j, k, l] = self.prefix.0;
         [
             u32::from_ne_bytes([a, b, c, d]),
@@ -47,11 +53,14 @@ impl Identity {
             self.domain_index,
             self.participant_id.map_or(0, |id| u32::from(id) + 1),
             self.incarnation,
+            (self.count_base_ns >> 32) as u32,
+            self.count_base_ns as u32,
         ]
     }
 
-    fn from_words(words: [u32; 6]) -> Self {
-        let [first, second, third, domain_index, participant, incarnation] = words;
+    fn from_words(words: Words) -> Self {
+        let [first, second, third, rest @ ..] = words;
+        let [domain_index, participant, incarnation, base_high, base_low] = rest;
         let mut prefix = [0; 12];
         for (bytes, word) in prefix.chunks_exact_mut(4).zip([first, second, third]) {
             bytes.copy_from_slice(&word.to_ne_bytes());
@@ -63,19 +72,27 @@ impl Identity {
                 .checked_sub(1)
                 .and_then(|id| u16::try_from(id).ok()),
             incarnation,
+            count_base_ns: u64::from(base_high) << 32 | u64::from(base_low),
         }
     }
 }
 
 /// The `identity` map.
 pub(crate) struct Identities {
-    map: HashMap<MapData, u32, [u32; 6]>,
+    map: HashMap<MapData, u32, Words>,
 }
 
 impl Identities {
     /// Opens the map, or makes and pins it.
     pub(crate) fn open(folder: &PinFolder) -> Result<Self> {
-        let map = open_or_create(folder, IDENTITY, 4, 24, abi::DOMAINS, 0)?;
+        let map = open_or_create(
+            folder,
+            IDENTITY,
+            4,
+            size_of::<Words>() as u32,
+            abi::DOMAINS,
+            0,
+        )?;
         Ok(Self { map })
     }
 
@@ -110,6 +127,7 @@ impl Identities {
             domain_index,
             participant_id: None,
             incarnation: 1,
+            count_base_ns: nanoseconds(monotonic_now()),
         };
         self.keep(domain, identity)?;
         Ok(identity)
@@ -236,6 +254,7 @@ mod tests {
                 domain_index: 3,
                 participant_id,
                 incarnation: 9,
+                count_base_ns: 0x0123_4567_89ab_cdef,
             };
             assert_eq!(Identity::from_words(identity.to_words()), identity);
         }

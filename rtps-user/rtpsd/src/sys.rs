@@ -10,42 +10,54 @@ use std::os::fd::{AsRawFd, BorrowedFd, FromRawFd, OwnedFd, RawFd};
 use std::ptr;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// BPF_MAP_DELETE_ELEM of `enum bpf_cmd`.
-const BPF_MAP_DELETE_ELEM: libc::c_long = 3;
+/// BPF_MAP_UPDATE_BATCH of `enum bpf_cmd`.
+const BPF_MAP_UPDATE_BATCH: libc::c_long = 26;
 
-/// The part of `union bpf_attr` that the element commands use.
+/// The part of `union bpf_attr` that the batch commands use.
 #[repr(C)]
-struct ElementAttr {
+struct BatchAttr {
+    in_batch: u64,
+    out_batch: u64,
+    keys: u64,
+    values: u64,
+    count: u32,
     map_fd: u32,
-    reserved: u32,
-    key: u64,
-    value: u64,
+    element_flags: u64,
     flags: u64,
 }
 
-/// Takes the inner map out of slot `index` of an array of maps, which aya cannot do. Waits for an RCU grace
-/// period. An empty slot is no error.
-pub(crate) fn clear_inner_map(outer: BorrowedFd<'_>, index: u32) -> io::Result<()> {
-    let attr = ElementAttr {
+/// Puts inner maps into an array of maps, one at each index, which aya can do only one by one. Waits for an RCU grace
+/// period.
+pub(crate) fn set_inner_maps(
+    outer: BorrowedFd<'_>,
+    indices: &[u32],
+    inner: &[BorrowedFd<'_>],
+) -> io::Result<()> {
+    let descriptors: Vec<RawFd> = inner.iter().map(AsRawFd::as_raw_fd).collect();
+    let count = indices.len().min(descriptors.len());
+    let mut attr = BatchAttr {
+        in_batch: 0,
+        out_batch: 0,
+        keys: indices.as_ptr().addr() as u64,
+        values: descriptors.as_ptr().addr() as u64,
+        count: u32::try_from(count).map_err(io::Error::other)?,
         map_fd: outer.as_raw_fd().cast_unsigned(),
-        reserved: 0,
-        key: ptr::from_ref(&index).addr() as u64,
-        value: 0,
+        element_flags: 0,
         flags: 0,
     };
-    // SAFETY: the kernel reads `attr` and the four bytes of `index`, which both outlive the call.
+    // SAFETY: the kernel reads `count` keys and values, four bytes each, which outlive the call, and writes to `attr`,
+    // which nothing else refers to, how many it has handled.
     let result = unsafe {
         libc::syscall(
             libc::SYS_bpf,
-            BPF_MAP_DELETE_ELEM,
-            ptr::from_ref(&attr),
-            size_of::<ElementAttr>(),
+            BPF_MAP_UPDATE_BATCH,
+            ptr::from_mut(&mut attr),
+            size_of::<BatchAttr>(),
         )
     };
-    match io::Error::last_os_error() {
-        _ if result == 0 => Ok(()),
-        error if error.kind() == io::ErrorKind::NotFound => Ok(()),
-        error => Err(error),
+    match result {
+        0 => Ok(()),
+        _ => Err(io::Error::last_os_error()),
     }
 }
 
@@ -104,6 +116,26 @@ pub(crate) fn interface_mtu(socket: BorrowedFd<'_>, name: &str) -> io::Result<u3
     // SAFETY: the call succeeded, so the union holds the MTU.
     let mtu = unsafe { request.ifr_ifru.ifru_mtu };
     u32::try_from(mtu).map_err(io::Error::other)
+}
+
+/// Has an IPv6 socket send from lasting addresses, where the system would take temporary ones (RFC 5014).
+pub(crate) fn prefer_public_addresses(socket: BorrowedFd<'_>) -> io::Result<()> {
+    /// IPV6_PREFER_SRC_PUBLIC of `linux/in6.h`.
+    const PREFER_PUBLIC: libc::c_int = 2;
+    // SAFETY: the kernel reads the option's four bytes, which outlive the call.
+    let result = unsafe {
+        libc::setsockopt(
+            socket.as_raw_fd(),
+            libc::IPPROTO_IPV6,
+            libc::IPV6_ADDR_PREFERENCES,
+            ptr::from_ref(&PREFER_PUBLIC).cast(),
+            size_of::<libc::c_int>() as libc::socklen_t,
+        )
+    };
+    match result {
+        0 => Ok(()),
+        _ => Err(io::Error::last_os_error()),
+    }
 }
 
 /// A copy of the descriptor whose number came on the command line, which may be that of standard output; `None` when

@@ -50,6 +50,60 @@ fn a_clean_stop_leaves_nothing() {
 }
 
 #[test]
+fn the_kernel_answers_until_unload() {
+    let Some(netns) = Netns::new() else { return };
+    let rtpsd = Rtpsd::start(&netns, &[]);
+    let status = netns.status();
+    assert_eq!(status.discovery.as_deref(), Some("kernel"));
+    assert_eq!(status.interfaces[0].answers, "kernel");
+    assert!(status.wakeups.is_some());
+    assert_eq!(netns.classifiers(), 1);
+    assert!(!rtpsd.end(Signal::SIGKILL));
+    let orphaned = netns.status();
+    assert_eq!(orphaned.interfaces[0].answers, "kernel");
+    assert_eq!(orphaned.wakeups, None);
+    assert_eq!(netns.classifiers(), 1);
+    let _rtpsd = Rtpsd::start(&netns, &[]);
+    assert_eq!(netns.classifiers(), 1, "attached twice");
+    netns.within(|| rtpsd::unload().unwrap());
+    assert!(netns.is_clean());
+}
+
+#[test]
+fn rtpsd_answers_where_it_is_told_to_or_the_kernel_cannot() {
+    let Some(netns) = Netns::new() else { return };
+    let answers = || -> Vec<String> {
+        let interfaces = netns.status().interfaces.into_iter();
+        interfaces.map(|interface| interface.answers).collect()
+    };
+    let rtpsd = Rtpsd::start(&netns, &["--iface", "lo"]);
+    assert_eq!(answers(), ["rtpsd: no Ethernet", "kernel"]);
+    assert!(!rtpsd.end(Signal::SIGKILL));
+    let rtpsd = Rtpsd::start(&netns, &["--discovery", "user"]);
+    assert_eq!(answers(), ["rtpsd: `--discovery user`"]);
+    assert_eq!(netns.status().discovery.as_deref(), Some("user"));
+    assert!(wait_until(|| netns.classifiers() == 0));
+    assert!(rtpsd.end(Signal::SIGTERM));
+    assert!(netns.is_clean());
+}
+
+#[test]
+fn an_interface_that_is_no_longer_asked_for_is_left_alone() {
+    let Some(netns) = Netns::new() else { return };
+    netns.ip("link add veth2 type veth peer name veth3");
+    netns.ip("addr add 10.98.0.1/24 dev veth2");
+    netns.ip("link set veth2 up");
+    let rtpsd = Rtpsd::start(&netns, &["--iface", "veth2"]);
+    assert_eq!(netns.status().interfaces.len(), 2);
+    assert!(!rtpsd.end(Signal::SIGKILL));
+    let _rtpsd = Rtpsd::start(&netns, &[]);
+    assert_eq!(netns.status().interfaces.len(), 1);
+    let links = netns.within(|| run("ls", &[netns.pins().to_str().unwrap()]));
+    assert_eq!(links.matches("tcx-").count(), 1, "{links}");
+    assert_eq!(netns.classifiers(), 1);
+}
+
+#[test]
 fn generic_mode_is_reported() {
     let Some(netns) = Netns::new() else { return };
     let _rtpsd = Rtpsd::start(&netns, &["--mode", "generic"]);
@@ -334,8 +388,12 @@ fn an_interface_that_comes_back_is_attached_again() {
     netns.ip("link set veth0 up");
     netns.ip("addr add 10.99.0.1/24 dev veth0");
     assert!(wait_until(|| netns.has_xdp()));
+    assert!(wait_until(|| netns.classifiers() == 1));
     let interfaces = netns.status().interfaces;
     assert_eq!(interfaces.len(), 1);
+    assert!(wait_until(
+        || netns.status().interfaces[0].answers == "kernel"
+    ));
     assert_ne!(interfaces[0].index, first);
     assert!(netns.ip("maddr show dev veth0").contains("239.255.0.1"));
     assert!(rtpsd.end(Signal::SIGTERM));

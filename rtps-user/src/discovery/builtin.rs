@@ -4,16 +4,16 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::database::RemoteParticipant;
 use super::endpoint_data::endpoint_instance;
 use super::liveliness::participant_message_instance;
+use super::remote_participant::RemoteParticipant;
 use super::{BuiltinEndpointSet, DiscoveryConfig};
-use crate::RemoteEndpoint;
 use crate::endpoints::Endpoints;
 use crate::qos::{Durability, Qos, Reliability};
-use crate::reader::{InstanceOf, ReaderConfig};
-use crate::wire::{EntityId, Guid, GuidPrefix, KeyHash, SequenceNumber};
+use crate::reader::{InstanceOf, ReaderConfig, ReaderTiming};
+use crate::wire::{EntityId, Guid, GuidPrefix, KeyHash};
 use crate::writer::{WriterConfig, WriterTiming};
+use crate::{CountClock, RemoteEndpoint};
 
 /// A topic of which every participant has a writer and a reader.
 struct BuiltinTopic {
@@ -48,9 +48,21 @@ const TOPICS: [BuiltinTopic; 3] = [
     },
 ];
 
-/// The reader of each topic, and that topic's writer.
-pub(super) fn readers() -> impl Iterator<Item = (EntityId, EntityId)> {
-    TOPICS.iter().map(|topic| (topic.reader, topic.writer))
+/// The writer and the reader of each topic.
+pub(super) fn topics() -> impl Iterator<Item = (EntityId, EntityId)> {
+    TOPICS.iter().map(|topic| (topic.writer, topic.reader))
+}
+
+/// The reader of a writer's topic.
+pub(super) fn reader_of(writer: EntityId) -> Option<EntityId> {
+    let topic = TOPICS.iter().find(|topic| topic.writer == writer)?;
+    Some(topic.reader)
+}
+
+/// The writer of a reader's topic.
+pub(super) fn writer_of(reader: EntityId) -> Option<EntityId> {
+    let topic = TOPICS.iter().find(|topic| topic.reader == reader)?;
+    Some(topic.writer)
 }
 
 /// The largest sample that is taken: parameter lists with all that vendors put in stay far below.
@@ -65,14 +77,6 @@ fn timing() -> WriterTiming {
     }
 }
 
-/// Where counts in HEARTBEATs and ACKNACKs go on, so that those before a restart, or before the end of a lease, look
-/// old to participants that still remember them. It leaves an incarnation twelve days of one count a second.
-pub(super) fn count_at(incarnation: u32, age: Duration) -> i32 {
-    (incarnation << 20)
-        .wrapping_add(age.as_secs() as u32)
-        .cast_signed()
-}
-
 fn qos() -> Qos {
     Qos {
         reliability: Reliability::RELIABLE,
@@ -82,7 +86,10 @@ fn qos() -> Qos {
 }
 
 /// Our writers and readers.
-pub(super) fn endpoints(config: &DiscoveryConfig) -> Endpoints {
+pub(super) fn endpoints(config: &DiscoveryConfig, now: Instant) -> Endpoints {
+    let count_clock = Some(CountClock::new(now, config.count_age));
+    // The low-level layer keeps the HEARTBEATs to itself that would tell that a greeting has been answered.
+    let max_greetings = if config.kernel_discovery { 1 } else { u32::MAX };
     let prefix = config.participant.prefix;
     let mut endpoints = Endpoints::new(prefix);
     for topic in &TOPICS {
@@ -90,11 +97,14 @@ pub(super) fn endpoints(config: &DiscoveryConfig) -> Endpoints {
             guid: Guid::new(prefix, topic.writer),
             qos: qos(),
             datagram_size: usize::from(config.datagram_size),
-            timing: timing(),
+            timing: WriterTiming {
+                count_clock,
+                ..timing()
+            },
         });
-        if let Some(writer) = endpoints.writer_mut(topic.writer) {
-            let next = writer.last_sequence().next();
-            writer.resume_from(next, count_at(config.incarnation, Duration::ZERO));
+        if let (true, Some(writer)) = (config.kernel_discovery, endpoints.writer_mut(topic.writer))
+        {
+            writer.publish();
         }
         let instance_of = topic.instance_of;
         let instance_of: InstanceOf = Arc::new(move |_, payload| instance_of(payload));
@@ -102,30 +112,28 @@ pub(super) fn endpoints(config: &DiscoveryConfig) -> Endpoints {
             datagram_size: usize::from(config.datagram_size),
             max_sample_size: MAX_SAMPLE_SIZE,
             instance_of: Some(instance_of),
+            timing: ReaderTiming {
+                max_greetings,
+                count_clock,
+                ..ReaderTiming::default()
+            },
             ..ReaderConfig::new(Guid::new(prefix, topic.reader), qos())
         });
     }
     endpoints
 }
 
-/// Matches our endpoints with those that the participant has, or updates its addresses. ACKNACKs to a new writer are
-/// counted from `count` on.
+/// Matches our endpoints with those that the participant has, or updates its addresses.
 pub(super) fn match_participant(
     endpoints: &mut Endpoints,
     now: Instant,
     participant: &RemoteParticipant,
-    count: i32,
 ) {
     let set = participant.data.endpoints;
     for topic in &TOPICS {
         if set.has(topic.writer_bit) {
             let writer = remote(participant, topic.writer);
-            let reader = endpoints.reader(topic.reader);
-            let is_new = reader.is_some_and(|reader| !reader.is_matched(writer.guid));
             endpoints.match_remote(now, topic.reader, &writer);
-            if let (true, Some(reader)) = (is_new, endpoints.reader_mut(topic.reader)) {
-                reader.resume_from(writer.guid, SequenceNumber(1), count);
-            }
         }
         if set.has(topic.reader_bit) {
             let reader = remote(participant, topic.reader);

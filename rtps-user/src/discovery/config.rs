@@ -11,16 +11,20 @@ use crate::wire::Timestamp;
 pub struct DiscoveryConfig {
     /// What we announce.
     pub participant: ParticipantData,
-    /// The group that announcements go to.
-    pub multicast: Option<SocketAddr>,
+    /// The groups that announcements go to.
+    pub multicast: Vec<SocketAddr>,
     /// Further addresses that announcements go to.
     pub peers: Vec<SocketAddr>,
     /// The time between two announcements.
     pub announce_period: Duration,
     /// The most bytes of UDP payload in one datagram.
     pub datagram_size: u16,
-    /// Grows with each restart under the same GUID prefix.
-    pub incarnation: u32,
+    /// How long ago counts in HEARTBEATs and ACKNACKs began.
+    pub count_age: Duration,
+    /// A low-level layer answers discovery messages and hands over the news.
+    pub kernel_discovery: bool,
+    /// Datagrams of a participant are taken only from its own addresses.
+    pub bind_addresses: bool,
     /// The wall-clock time at the start, for source timestamps.
     pub started: Timestamp,
     /// How much is remembered.

@@ -2,115 +2,17 @@
 //!
 //! Anyone on the network can claim to be any number of participants. Therefore a participant first counts as
 //! unproven; who answers our discovery traffic is proven. A full table makes room for a new participant only by
-//! forgetting the oldest unproven one, so that a flood of inventions never pushes out a real one. An unproven one is
-//! sent to at no other address than its announcement came from, and is soon forgotten unless it goes on. And who is
-//! known by some addresses is not listened to at others.
+//! forgetting the oldest unproven one, so that a flood of inventions never pushes out a real one. And who is known by
+//! some addresses is not listened to at others.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
-use std::time::{Duration, Instant};
+use std::net::IpAddr;
+use std::time::Instant;
 
-use super::lease::{Lease, LeaseQueue};
-use super::parameters::reachable;
+use super::lease::LeaseQueue;
+use super::remote_participant::{Origins, RemoteParticipant, Standing};
 use super::{DiscoveryLimits, EndpointData, ParticipantData};
-use crate::RemoteEndpoint;
-use crate::wire::{EntityId, Guid, GuidPrefix};
-
-/// The longest lease of an unproven participant: who answers does so within seconds.
-const UNPROVEN_LEASE: Duration = Duration::from_secs(30);
-
-/// A remote participant.
-#[derive(Debug)]
-pub struct RemoteParticipant {
-    /// What it says of itself.
-    pub data: ParticipantData,
-    /// Where discovery traffic for it goes.
-    pub metatraffic: Vec<SocketAddr>,
-    /// Where its endpoints receive that say nothing else, best first.
-    pub user: Vec<SocketAddr>,
-    /// What its endpoints say of themselves.
-    pub endpoints: BTreeMap<EntityId, EndpointData>,
-    source: IpAddr,
-    addresses: Vec<IpAddr>,
-    proven: bool,
-    lease: Lease,
-    /// Its place in the order of discovery.
-    number: u64,
-}
-
-impl RemoteParticipant {
-    /// The address that its announcements come from.
-    pub fn source(&self) -> IpAddr {
-        self.source
-    }
-
-    /// Whether it has answered us: anybody can announce anything.
-    pub fn is_proven(&self) -> bool {
-        self.proven
-    }
-
-    /// Where its datagrams may come from.
-    pub fn addresses(&self) -> &[IpAddr] {
-        &self.addresses
-    }
-
-    /// The lease that it asks for; `None` for ever.
-    pub fn lease(&self) -> Option<Duration> {
-        self.data.lease.to_std()
-    }
-
-    /// Whether datagrams that come from there may be its own.
-    fn owns(&self, source: IpAddr) -> bool {
-        self.addresses.contains(&source)
-    }
-
-    /// Takes in what it announces from `source`, on a host with the addresses `own`.
-    fn update(&mut self, source: IpAddr, own: &[IpAddr], data: ParticipantData) {
-        self.source = source;
-        self.data = data;
-        self.settle(own);
-    }
-
-    /// Derives its addresses.
-    fn settle(&mut self, own: &[IpAddr]) {
-        self.metatraffic = answerable(&self.data.metatraffic_unicast, self.source);
-        self.user = self.destinations(&self.data.default_unicast);
-        self.addresses = origins(&self.data, self.source, own);
-    }
-
-    /// Where its endpoints are reached that announce these addresses.
-    fn destinations(&self, addresses: &[SocketAddr]) -> Vec<SocketAddr> {
-        if self.proven {
-            reachable(addresses, self.source)
-        } else {
-            answerable(addresses, self.source)
-        }
-    }
-
-    /// What a local endpoint needs to know of one of its endpoints.
-    pub fn endpoint(&self, entity: EntityId) -> Option<RemoteEndpoint> {
-        let data = self.endpoints.get(&entity)?;
-        let own = self.destinations(&data.unicast);
-        let mut addresses = self.addresses.clone();
-        addresses.extend(data.unicast.iter().map(SocketAddr::ip));
-        addresses.sort();
-        addresses.dedup();
-        Some(RemoteEndpoint {
-            guid: data.guid,
-            unicast: if own.is_empty() {
-                self.user.clone()
-            } else {
-                own
-            },
-            addresses,
-            multicast: data.multicast.clone(),
-            expects_inline_qos: data.expects_inline_qos || self.data.expects_inline_qos,
-            qos: data.qos.clone(),
-            topic: data.topic.clone(),
-            type_name: data.type_name.clone(),
-        })
-    }
-}
+use crate::wire::{Guid, GuidPrefix};
 
 /// What an announcement brought.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
@@ -129,8 +31,7 @@ pub(super) enum Announced {
 #[derive(Debug)]
 pub(super) struct Database {
     limits: DiscoveryLimits,
-    /// The addresses of this host.
-    own: Vec<IpAddr>,
+    origins: Origins,
     participants: BTreeMap<GuidPrefix, RemoteParticipant>,
     leases: LeaseQueue,
     /// Unproven participants in the order of their discovery.
@@ -140,11 +41,11 @@ pub(super) struct Database {
 }
 
 impl Database {
-    /// Empty tables, on a host with the addresses `own`.
-    pub(super) fn new(limits: DiscoveryLimits, own: Vec<IpAddr>) -> Self {
+    /// Empty tables, of participants whose datagrams come from `origins`.
+    pub(super) fn new(limits: DiscoveryLimits, origins: Origins) -> Self {
         Self {
             limits,
-            own,
+            origins,
             participants: BTreeMap::new(),
             leases: LeaseQueue::default(),
             unproven: BTreeSet::new(),
@@ -165,43 +66,55 @@ impl Database {
 
     /// This host has other addresses than before, and so have the participants on it, which are returned.
     pub(super) fn set_own(&mut self, own: Vec<IpAddr>) -> Vec<GuidPrefix> {
-        self.own = own;
+        self.origins.own = own;
         let mut changed = Vec::new();
         for (prefix, participant) in &mut self.participants {
-            let addresses = origins(&participant.data, participant.source, &self.own);
-            if participant.addresses != addresses {
-                participant.addresses = addresses;
+            if participant.move_to(&self.origins) {
                 changed.push(*prefix);
             }
         }
         changed
     }
 
-    /// Notes an announcement that came from `source`, an address of the participant where it is known. An evicted participant is still there, for the caller to
-    /// remove with all that hangs on it.
+    /// Notes an announcement that came from `source`, an address of the participant where it is known. Where it has
+    /// been answered, nobody need know of a new participant before it is proven. An evicted participant is still
+    /// there, for the caller to remove with all that hangs on it.
     pub(super) fn announce(
         &mut self,
         now: Instant,
         source: IpAddr,
         data: ParticipantData,
+        is_answered: bool,
     ) -> Announced {
-        let Some(known) = self.participants.get_mut(&data.prefix) else {
-            return self.announce_new(now, source, data);
-        };
-        known.lease.renew(now);
-        if known.data == data {
-            return Announced::Unchanged;
-        }
         let prefix = data.prefix;
-        known.update(source, &self.own, data);
-        self.leases.revoke(prefix, &known.lease);
-        known.lease = self
-            .leases
-            .grant(now, prefix, patience(&known.data, known.proven));
-        Announced::Changed
+        let Some(known) = self.participants.get_mut(&prefix) else {
+            return self.announce_new(now, source, data, is_answered);
+        };
+        let is_changed = known.data != data;
+        if is_changed {
+            known.update(source, &self.origins, data);
+            self.leases.revoke(prefix, &known.lease);
+            known.lease = self.leases.grant(now, prefix, known.patience());
+        } else {
+            self.leases.renew(now, prefix, &mut known.lease);
+        }
+        if known.is_pending() && !is_answered {
+            known.standing = Standing::Unproven;
+            Announced::New { evicted: None }
+        } else if is_changed {
+            Announced::Changed
+        } else {
+            Announced::Unchanged
+        }
     }
 
-    fn announce_new(&mut self, now: Instant, source: IpAddr, data: ParticipantData) -> Announced {
+    fn announce_new(
+        &mut self,
+        now: Instant,
+        source: IpAddr,
+        data: ParticipantData,
+        is_answered: bool,
+    ) -> Announced {
         let mut evicted = None;
         if self.participants.len() >= self.limits.participants {
             let Some((_, oldest)) = self.unproven.first() else {
@@ -209,7 +122,12 @@ impl Database {
             };
             evicted = Some(*oldest);
         }
-        self.insert(now, source, data, false);
+        let standing = if is_answered {
+            Standing::Pending
+        } else {
+            Standing::Unproven
+        };
+        self.insert(now, source, data, standing);
         Announced::New { evicted }
     }
 
@@ -219,26 +137,17 @@ impl Database {
         now: Instant,
         source: IpAddr,
         data: ParticipantData,
-        proven: bool,
+        standing: Standing,
     ) {
         let prefix = data.prefix;
         let number = self.discovered;
         self.discovered += 1;
-        if !proven {
+        if standing != Standing::Proven {
             self.unproven.insert((number, prefix));
         }
-        let mut participant = RemoteParticipant {
-            metatraffic: Vec::new(),
-            user: Vec::new(),
-            endpoints: BTreeMap::new(),
-            source,
-            addresses: Vec::new(),
-            proven,
-            lease: self.leases.grant(now, prefix, patience(&data, proven)),
-            number,
-            data,
-        };
-        participant.settle(&self.own);
+        let lease = self.leases.grant(now, prefix, standing.patience(&data));
+        let participant =
+            RemoteParticipant::new(data, source, &self.origins, standing, lease, number);
         self.participants.insert(prefix, participant);
     }
 
@@ -251,23 +160,28 @@ impl Database {
     /// A sign of life.
     pub(super) fn renew(&mut self, at: Instant, prefix: GuidPrefix) {
         if let Some(participant) = self.participants.get_mut(&prefix) {
-            participant.lease.renew(at);
+            self.leases.renew(at, prefix, &mut participant.lease);
         }
     }
 
-    /// The participant has answered our discovery traffic; tells whether that is new.
-    pub(super) fn prove(&mut self, now: Instant, prefix: GuidPrefix) -> bool {
-        match self.participants.get_mut(&prefix) {
-            Some(participant) if !participant.proven => {
-                participant.proven = true;
-                participant.settle(&self.own);
-                self.leases.revoke(prefix, &participant.lease);
-                participant.lease =
-                    self.leases
-                        .grant(now, prefix, patience(&participant.data, participant.proven));
-                self.unproven.remove(&(participant.number, prefix))
-            }
-            _ => false,
+    /// The participant has answered our discovery traffic; gives what it was before, where that is new.
+    pub(super) fn prove(&mut self, now: Instant, prefix: GuidPrefix) -> Option<Standing> {
+        let participant = self.participants.get_mut(&prefix)?;
+        let before = std::mem::replace(&mut participant.standing, Standing::Proven);
+        if before == Standing::Proven {
+            return None;
+        }
+        participant.settle(&self.origins);
+        self.leases.revoke(prefix, &participant.lease);
+        participant.lease = self.leases.grant(now, prefix, participant.patience());
+        self.unproven.remove(&(participant.number, prefix));
+        Some(before)
+    }
+
+    /// Notes whether an app waits for signs of life of its writers.
+    pub(super) fn supervise(&mut self, prefix: GuidPrefix, is_supervised: bool) {
+        if let Some(participant) = self.participants.get_mut(&prefix) {
+            participant.is_supervised = is_supervised;
         }
     }
 
@@ -280,17 +194,9 @@ impl Database {
         Some(participant)
     }
 
-    /// The next participant whose lease has ended; it is still there.
-    pub(super) fn next_expired(&mut self, now: Instant) -> Option<GuidPrefix> {
-        while let Some(prefix) = self.leases.pop_due(now) {
-            let Some(participant) = self.participants.get_mut(&prefix) else {
-                continue;
-            };
-            if self.leases.has_ended(now, prefix, &mut participant.lease) {
-                return Some(prefix);
-            }
-        }
-        None
+    /// The participants whose leases have ended; they are still there.
+    pub(super) fn take_ended(&mut self, now: Instant) -> Vec<GuidPrefix> {
+        self.leases.take_ended(now)
     }
 
     /// When a lease may end.
@@ -324,48 +230,13 @@ impl Database {
     }
 }
 
-/// How long a participant is remembered without a sign of life; `None` for ever.
-fn patience(data: &ParticipantData, proven: bool) -> Option<Duration> {
-    let lease = data.lease.to_std();
-    if proven {
-        lease
-    } else {
-        Some(lease.map_or(UNPROVEN_LEASE, |lease| lease.min(UNPROVEN_LEASE)))
-    }
-}
-
-/// Where datagrams of a participant may come from: a host with several addresses may use any of them. On this host
-/// that is any of ours, which nobody else can send from.
-fn origins(data: &ParticipantData, source: IpAddr, own: &[IpAddr]) -> Vec<IpAddr> {
-    let announced = data.metatraffic_unicast.iter().chain(&data.default_unicast);
-    let mut origins: Vec<_> = announced.map(SocketAddr::ip).collect();
-    origins.push(source);
-    if source.is_loopback() || own.contains(&source) {
-        origins.extend(own);
-        origins.extend([
-            IpAddr::from(Ipv4Addr::LOCALHOST),
-            Ipv6Addr::LOCALHOST.into(),
-        ]);
-    }
-    origins.sort();
-    origins.dedup();
-    origins
-}
-
-/// Where discovery traffic for a participant goes, and all else as long as it is unproven: to the address that its datagrams come from and nowhere else, for
-/// an invented announcement must not make us send to somebody who has never heard of us.
-fn answerable(addresses: &[SocketAddr], source: IpAddr) -> Vec<SocketAddr> {
-    let mut answerable = reachable(addresses, source);
-    answerable.truncate(1);
-    if let Some(address) = answerable.first_mut() {
-        address.set_ip(source);
-    }
-    answerable
-}
-
 #[cfg(test)]
 mod tests {
+    use std::net::{Ipv4Addr, SocketAddr};
+
+    use super::super::remote_participant::UNPROVEN_LEASE;
     use super::*;
+    use crate::wire::EntityId;
 
     const SOURCE: IpAddr = IpAddr::V4(Ipv4Addr::new(10, 0, 0, 1));
     const OWN: IpAddr = IpAddr::V4(Ipv4Addr::new(10, 0, 0, 99));
@@ -376,7 +247,7 @@ mod tests {
             participants,
             ..DiscoveryLimits::default()
         };
-        Database::new(limits, vec![OWN])
+        Database::new(limits, Origins::new(vec![OWN], true))
     }
 
     fn data(number: u8) -> ParticipantData {
@@ -388,12 +259,12 @@ mod tests {
         let now = Instant::now();
         let mut database = database(3);
         for number in [1, 2] {
-            database.announce(now, SOURCE, data(number));
+            database.announce(now, SOURCE, data(number), false);
         }
-        assert!(database.prove(now, GuidPrefix([1; 12])));
+        assert!(database.prove(now, GuidPrefix([1; 12])).is_some());
         let mut evictions = Vec::new();
         for number in 3..=9 {
-            match database.announce(now, ELSEWHERE, data(number)) {
+            match database.announce(now, ELSEWHERE, data(number), false) {
                 Announced::New { evicted } => {
                     evictions.extend(evicted.map(|prefix| prefix.0[0]));
                     evicted.map(|prefix| database.remove(prefix));
@@ -406,7 +277,7 @@ mod tests {
             database.prove(now, GuidPrefix([number; 12]));
         }
         assert_eq!(
-            database.announce(now, ELSEWHERE, data(10)),
+            database.announce(now, ELSEWHERE, data(10), false),
             Announced::NoRoom
         );
         assert_eq!(database.iter().count(), 3);
@@ -420,7 +291,7 @@ mod tests {
         let second_interface = IpAddr::from([10, 0, 1, 1]);
         announced.metatraffic_unicast = vec![SocketAddr::new(second_interface, 7410)];
         let prefix = announced.prefix;
-        database.announce(now, SOURCE, announced);
+        database.announce(now, SOURCE, announced, false);
         assert!(!database.is_foreign(prefix, SOURCE));
         assert!(!database.is_foreign(prefix, second_interface));
         for other in [ELSEWHERE, OWN, Ipv4Addr::LOCALHOST.into()] {
@@ -432,7 +303,7 @@ mod tests {
     #[test]
     fn a_participant_on_this_host_may_use_all_of_its_addresses() {
         let mut database = database(3);
-        database.announce(Instant::now(), OWN, data(1));
+        database.announce(Instant::now(), OWN, data(1), false);
         let prefix = GuidPrefix([1; 12]);
         assert!(!database.is_foreign(prefix, Ipv4Addr::LOCALHOST.into()));
         let another = IpAddr::from([10, 0, 1, 99]);
@@ -450,11 +321,11 @@ mod tests {
         let elsewhere = SocketAddr::new(ELSEWHERE, 7411);
         announced.default_unicast = vec![elsewhere];
         let prefix = announced.prefix;
-        database.announce(now, SOURCE, announced);
+        database.announce(now, SOURCE, announced, false);
         let user = |database: &Database| database.get(prefix).map(|known| known.user.clone());
         assert_eq!(user(&database), Some(vec![SocketAddr::new(SOURCE, 7411)]));
         assert_eq!(database.poll_timeout(), Some(now + UNPROVEN_LEASE));
-        assert!(database.prove(now, prefix));
+        assert_eq!(database.prove(now, prefix), Some(Standing::Unproven));
         assert_eq!(user(&database), Some(vec![elsewhere]));
         assert_eq!(database.poll_timeout(), None);
     }
@@ -466,7 +337,7 @@ mod tests {
             endpoints_per_participant: 2,
             endpoints: 3,
         };
-        let mut database = Database::new(limits, vec![OWN]);
+        let mut database = Database::new(limits, Origins::new(vec![OWN], true));
         let insert = |database: &mut Database, participant, entity| {
             database.insert_endpoint(EndpointData {
                 guid: Guid::new(GuidPrefix([participant; 12]), EntityId([1, 0, entity, 2])),
@@ -480,7 +351,7 @@ mod tests {
         };
         assert!(!insert(&mut database, 1, 1), "unknown participant");
         for number in [1, 2] {
-            database.announce(Instant::now(), SOURCE, data(number));
+            database.announce(Instant::now(), SOURCE, data(number), false);
         }
         assert!(insert(&mut database, 1, 1));
         assert!(insert(&mut database, 1, 2));

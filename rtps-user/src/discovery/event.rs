@@ -44,6 +44,15 @@ pub enum DiscoveryEvent {
         /// The number.
         next: SequenceNumber,
     },
+    /// The same, where the low-level layer does not know it.
+    Overtaken {
+        /// The writer.
+        writer: Guid,
+        /// The number.
+        next: SequenceNumber,
+    },
+    /// The low-level layer knows a participant that is not known here: it has to make itself known again.
+    Disowned(GuidPrefix),
     /// Everybody knows that an endpoint of ours was withdrawn.
     WithdrawalDone {
         /// The built-in writer that said so.

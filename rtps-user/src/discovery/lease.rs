@@ -12,7 +12,7 @@ pub(super) struct Lease {
     seen: Instant,
     /// How long that holds; `None` for ever.
     duration: Option<Duration>,
-    /// Where it stands in the queue: at or before its end, because renewing leaves the queue alone.
+    /// Where it stands in the queue.
     queued: Option<Instant>,
 }
 
@@ -23,20 +23,20 @@ impl Lease {
     fn end(&self) -> Option<Instant> {
         self.seen.checked_add(self.duration?)
     }
-
-    /// A sign of life, perhaps an old one.
-    pub(super) fn renew(&mut self, at: Instant) {
-        self.seen = self.seen.max(at);
-    }
 }
 
 /// The ends of all leases in their order.
 #[derive(Debug, Default)]
 pub(super) struct LeaseQueue {
     ends: BTreeSet<(Instant, GuidPrefix)>,
+    /// When it was looked for leases that have ended.
+    checked: Option<Instant>,
 }
 
 impl LeaseQueue {
+    /// The time between two looks at the least, so that thousands of participants wake us no more than once a second.
+    const PAUSE: Duration = Duration::from_millis(900);
+
     /// Begins a lease.
     pub(super) fn grant(
         &mut self,
@@ -60,32 +60,33 @@ impl LeaseQueue {
         }
     }
 
-    /// The next that may have ended; the caller asks [`has_ended`](Self::has_ended).
-    pub(super) fn pop_due(&mut self, now: Instant) -> Option<GuidPrefix> {
-        self.ends.first().filter(|(end, _)| *end <= now)?;
-        self.ends.pop_first().map(|(_, participant)| participant)
+    /// A sign of life, perhaps an old one.
+    pub(super) fn renew(&mut self, at: Instant, participant: GuidPrefix, lease: &mut Lease) {
+        if at > lease.seen {
+            lease.seen = at;
+            self.revoke(participant, lease);
+            self.queue(participant, lease);
+        }
     }
 
-    /// Whether the lease that was popped has ended; if it was renewed since it was queued, it is queued again.
-    pub(super) fn has_ended(
-        &mut self,
-        now: Instant,
-        participant: GuidPrefix,
-        lease: &mut Lease,
-    ) -> bool {
-        lease.queued = None;
-        match lease.end() {
-            Some(end) if end <= now => true,
-            _ => {
-                self.queue(participant, lease);
-                false
-            }
+    /// The participants whose leases have ended, where it is time to look.
+    pub(super) fn take_ended(&mut self, now: Instant) -> Vec<GuidPrefix> {
+        let mut ended = Vec::new();
+        if self.poll_timeout().is_none_or(|due| due > now) {
+            return ended;
         }
+        self.checked = Some(now);
+        while self.ends.first().is_some_and(|(end, _)| *end <= now) {
+            ended.extend(self.ends.pop_first().map(|(_, participant)| participant));
+        }
+        ended
     }
 
     /// When to look again.
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
-        self.ends.first().map(|(end, _)| *end)
+        let (end, _) = self.ends.first()?;
+        let next = self.checked.map(|checked| checked + Self::PAUSE);
+        Some(next.map_or(*end, |next| next.max(*end)))
     }
 
     fn queue(&mut self, participant: GuidPrefix, lease: &mut Lease) {
@@ -108,17 +109,32 @@ mod tests {
         let second = Duration::from_secs(1);
         let mut queue = LeaseQueue::default();
         let mut lease = queue.grant(start, PARTICIPANT, Some(10 * second));
-        lease.renew(start + 4 * second);
-        lease.renew(start + 2 * second);
-        assert_eq!(queue.pop_due(start + 9 * second), None);
-        let now = start + 10 * second;
-        assert_eq!(queue.pop_due(now), Some(PARTICIPANT));
-        assert!(!queue.has_ended(now, PARTICIPANT, &mut lease));
+        queue.renew(start + 4 * second, PARTICIPANT, &mut lease);
+        queue.renew(start + 2 * second, PARTICIPANT, &mut lease);
         assert_eq!(queue.poll_timeout(), Some(start + 14 * second));
-        let now = start + 14 * second;
-        assert_eq!(queue.pop_due(now), Some(PARTICIPANT));
-        assert!(queue.has_ended(now, PARTICIPANT, &mut lease));
+        assert_eq!(queue.take_ended(start + 13 * second), []);
+        assert_eq!(queue.take_ended(start + 14 * second), [PARTICIPANT]);
         assert_eq!(queue.poll_timeout(), None);
+    }
+
+    #[test]
+    fn leases_that_end_one_after_the_other_are_noticed_together() {
+        let start = Instant::now();
+        let mut queue = LeaseQueue::default();
+        let end = |number: u8| Duration::from_millis(1000 + 100 * u64::from(number));
+        for number in 0..30 {
+            queue.grant(start, GuidPrefix([number; 12]), Some(end(number)));
+        }
+        let mut looks = Vec::new();
+        while let Some(due) = queue.poll_timeout() {
+            let ended = queue.take_ended(due);
+            for GuidPrefix([number, ..]) in &ended {
+                let late = due - (start + end(*number));
+                assert!(late <= Duration::from_secs(1));
+            }
+            looks.push(ended.len());
+        }
+        assert_eq!(looks, [1, 9, 9, 9, 2]);
     }
 
     #[test]

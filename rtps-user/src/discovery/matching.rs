@@ -77,12 +77,20 @@ impl Matchmaker {
         &self,
         prefix: GuidPrefix,
     ) -> impl Iterator<Item = EntityId> + '_ {
+        self.pairs_of_participant(prefix).map(|(_, local)| local)
+    }
+
+    /// The endpoints of a participant, each with one of ours that it is matched with.
+    pub fn pairs_of_participant(
+        &self,
+        prefix: GuidPrefix,
+    ) -> impl Iterator<Item = (Guid, EntityId)> + '_ {
         let first = (Guid::new(prefix, FIRST_ENTITY), FIRST_ENTITY);
         let last = (Guid::new(prefix, LAST_ENTITY), LAST_ENTITY);
         self.pairs
             .range(first..=last)
             .filter(|(_, outcome)| **outcome == Outcome::Matched)
-            .map(|((_, local), _)| *local)
+            .map(|(pair, _)| *pair)
     }
 
     /// What one of our endpoints is matched with.

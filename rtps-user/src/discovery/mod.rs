@@ -14,11 +14,13 @@ mod endpoint_data;
 mod event;
 mod lease;
 mod liveliness;
+mod low_level;
 mod matching;
 mod parameters;
 mod participant_data;
 mod ports;
 mod receive;
+mod remote_participant;
 mod restore;
 mod sedp;
 mod spdp;
@@ -29,7 +31,6 @@ use std::time::{Duration, Instant};
 
 pub use config::{DiscoveryConfig, DiscoveryLimits};
 use database::Database;
-pub use database::RemoteParticipant;
 pub use endpoint_data::EndpointData;
 pub use event::{DiscoveryEvent, Refused};
 use liveliness::Assertions;
@@ -37,13 +38,18 @@ pub use liveliness::ParticipantMessageData;
 pub use matching::{MatchChange, Matchmaker, Outcome};
 pub use participant_data::{BuiltinEndpointSet, ParticipantData};
 pub use ports::{NoPort, Ports};
+use remote_participant::Origins;
+pub use remote_participant::RemoteParticipant;
 use sedp::Withdrawals;
 use spdp::Announcer;
 
 use crate::Transmit;
 use crate::endpoints::Endpoints;
 use crate::history::{ChangeKind, NewChange};
-use crate::wire::{EntityId, Guid, GuidPrefix, SequenceNumber, Timestamp};
+use crate::wire::{EntityId, Guid, GuidPrefix, MessageWriter, SequenceNumber, Timestamp};
+
+/// Bytes of a HEARTBEAT with its header.
+const HEARTBEAT_LEN: usize = 32;
 
 /// Discovery of one participant.
 #[derive(Debug)]
@@ -64,8 +70,11 @@ impl Discovery {
     pub fn new(config: DiscoveryConfig, now: Instant) -> Self {
         Self {
             start: now,
-            database: Database::new(config.limits, addresses(&config.participant)),
-            endpoints: builtin::endpoints(&config),
+            database: Database::new(
+                config.limits,
+                Origins::new(addresses(&config.participant), config.bind_addresses),
+            ),
+            endpoints: builtin::endpoints(&config, now),
             announcer: Announcer::new(&config, now),
             withdrawals: Withdrawals::default(),
             assertions: Assertions::default(),
@@ -160,7 +169,7 @@ impl Discovery {
     /// Does what is due.
     pub fn handle_timeout(&mut self, now: Instant) {
         self.announcer.handle_timeout(now);
-        while let Some(prefix) = self.database.next_expired(now) {
+        for prefix in self.database.take_ended(now) {
             tracing::debug!(%prefix, "the lease of a participant has ended");
             self.remove_participant(now, prefix);
         }
@@ -190,9 +199,32 @@ impl Discovery {
     /// The next datagram, which is put into `out`.
     pub fn poll_transmit(&mut self, now: Instant, out: &mut Vec<u8>) -> Option<Transmit> {
         let (database, config) = (&self.database, &self.config);
-        self.announcer
-            .poll_transmit(|| out_of_reach(database, config), out)
-            .or_else(|| self.endpoints.poll_transmit(now, out))
+        let announcement = self
+            .announcer
+            .poll_transmit(|| out_of_reach(database, config), out);
+        match announcement {
+            Some((transmit, answered)) => {
+                if let Some(participant) = answered {
+                    self.greet(now, participant, out);
+                }
+                Some(transmit)
+            }
+            None => self.endpoints.poll_transmit(now, out),
+        }
+    }
+
+    /// Tells a participant what our built-in writers have with the answer to its announcement: it has just learned that
+    /// they are there.
+    fn greet(&mut self, now: Instant, participant: GuidPrefix, out: &mut Vec<u8>) {
+        for (writer, reader) in builtin::topics() {
+            if out.len() + HEARTBEAT_LEN > usize::from(self.config.datagram_size) {
+                return;
+            }
+            if let Some(writer) = self.endpoints.writer_mut(writer) {
+                let heartbeat = writer.greeting(now, Guid::new(participant, reader));
+                MessageWriter::resume(out).heartbeat(&heartbeat);
+            }
+        }
     }
 
     fn prefix(&self) -> GuidPrefix {
@@ -205,22 +237,21 @@ impl Discovery {
         Timestamp::from_unix(self.config.started.to_unix().saturating_add(elapsed))
     }
 
-    fn count(&self, now: Instant) -> i32 {
-        let age = now.saturating_duration_since(self.start);
-        builtin::count_at(self.config.incarnation, age)
-    }
-
     /// Matches the built-in endpoints of a known participant, or takes in its new addresses.
     fn match_participant(&mut self, now: Instant, prefix: GuidPrefix) {
-        let count = self.count(now);
         if let Some(participant) = self.database.get(prefix) {
-            builtin::match_participant(&mut self.endpoints, now, participant, count);
+            builtin::match_participant(&mut self.endpoints, now, participant);
         }
     }
 
     fn remove_participant(&mut self, now: Instant, prefix: GuidPrefix) {
         builtin::unmatch_participant(&mut self.endpoints, now, prefix);
-        if let Some(participant) = self.database.remove(prefix) {
+        let Some(participant) = self.database.remove(prefix) else {
+            return;
+        };
+        if participant.is_pending() {
+            self.disown(prefix);
+        } else {
             let entities = participant.endpoints.into_keys();
             let endpoints = entities.map(|entity| Guid::new(prefix, entity)).collect();
             self.events
@@ -251,8 +282,9 @@ fn addresses(participant: &ParticipantData) -> Vec<IpAddr> {
 fn out_of_reach(database: &Database, config: &DiscoveryConfig) -> Vec<SocketAddr> {
     database
         .iter()
+        .filter(|participant| !participant.is_pending())
         .filter(|participant| {
-            config.multicast.is_none() || participant.data.metatraffic_multicast.is_empty()
+            config.multicast.is_empty() || participant.data.metatraffic_multicast.is_empty()
         })
         .filter_map(|participant| participant.metatraffic.first().copied())
         .collect()

@@ -1,8 +1,9 @@
 //! The parameters of discovery data beside those of QoS policies (RTPS 2.5 table 9.14), and what reading and
 //! writing of participants and endpoints have in common.
 
-use std::net::{IpAddr, SocketAddr};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 
+use crate::ipv6;
 use crate::qos::parameters::write_string;
 use crate::wire::{
     Cursor, Locator, PROTOCOL_VERSION, ParameterId, ParameterWriter, VendorId, WireError,
@@ -43,25 +44,37 @@ pub(super) fn read_locator(
     Ok(())
 }
 
-/// Link-local IPv6 addresses are of no use without an interface, which a locator cannot name.
+/// The interface of a link-local address is ours to say.
 fn is_destination(ip: IpAddr) -> bool {
-    match ip {
-        IpAddr::V4(ip) => !ip.is_unspecified() && !ip.is_broadcast(),
-        IpAddr::V6(ip) => !ip.is_unspecified() && !ip.is_unicast_link_local(),
-    }
+    let is_unspecified = ip.is_unspecified() || ip == IpAddr::from(Ipv4Addr::BROADCAST);
+    !is_unspecified && ipv6::interface_of(ip) == 0
 }
 
-/// Unicast addresses in the order in which to try them: that which the participant's datagrams come from, then
-/// IPv4. Loopback ones are left out unless its datagrams come from there, and so are multicast ones.
+/// Unicast addresses in the order in which to try them: that which the participant's datagrams come from, then those
+/// of the same family, which is one that both hosts have. Loopback ones are left out unless its datagrams come from
+/// there, link-local ones always unless they do, and so are multicast ones.
 pub(super) fn reachable(addresses: &[SocketAddr], source: IpAddr) -> Vec<SocketAddr> {
     let mut reachable: Vec<_> = addresses
         .iter()
-        .copied()
         .filter(|address| !address.ip().is_multicast())
         .filter(|address| !address.ip().is_loopback() || source.is_loopback())
+        .filter_map(|address| on_interface(*address, source))
         .collect();
-    reachable.sort_by_key(|address| (address.ip() != source, address.is_ipv6()));
+    reachable.sort_by_key(|address| {
+        let is_other_family = address.is_ipv6() != source.is_ipv6();
+        (address.ip() != source, is_other_family)
+    });
     reachable
+}
+
+/// A link-local address with the interface that it was seen on.
+fn on_interface(address: SocketAddr, source: IpAddr) -> Option<SocketAddr> {
+    let is_local = matches!(address.ip(), IpAddr::V6(ip) if ip.is_unicast_link_local());
+    if is_local {
+        let is_source = ipv6::without_interface(source) == address.ip();
+        return is_source.then(|| SocketAddr::new(source, address.port()));
+    }
+    Some(address)
 }
 
 /// Reads a boolean: one octet.
@@ -76,7 +89,9 @@ pub(super) fn write_locators(
     addresses: &[SocketAddr],
 ) {
     for address in addresses {
-        list.parameter(id, |out| Locator::from(*address).encode(out));
+        let ip = ipv6::without_interface(address.ip());
+        let locator = Locator::from(SocketAddr::new(ip, address.port()));
+        list.parameter(id, |out| locator.encode(out));
     }
 }
 
@@ -108,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn the_source_comes_first_and_then_ipv4() {
+    fn the_source_comes_first_and_then_its_family() {
         let all = addresses(&[
             "[fd00::1]:7410",
             "10.0.0.1:7410",
@@ -120,11 +135,20 @@ mod tests {
             reachable(&all, "10.0.1.1".parse().unwrap()),
             addresses(&["10.0.1.1:7410", "10.0.0.1:7410", "[fd00::1]:7410"])
         );
+        let from = |source: &str| reachable(&all, source.parse().unwrap())[0];
+        assert_eq!(from("127.0.0.1"), all[2], "a participant on this host");
+        assert_eq!(from("fd00::2"), all[0], "not announced, IPv6");
+        assert_eq!(from("10.0.2.1"), all[1], "not announced, IPv4");
+    }
+
+    #[test]
+    fn link_local_addresses_are_used_where_they_were_seen() {
+        let all = addresses(&["[fe80::1]:7410", "[fe80::2]:7410", "[fd00::1]:7410"]);
         assert_eq!(
-            reachable(&all, "127.0.0.1".parse().unwrap())[0],
-            all[2],
-            "a participant on this host"
+            reachable(&all, "fe80:0:0:3::1".parse().unwrap()),
+            addresses(&["[fe80:0:0:3::1]:7410", "[fd00::1]:7410"])
         );
+        assert_eq!(reachable(&all, "fd00::1".parse().unwrap()), [all[2]]);
     }
 
     #[test]
@@ -134,7 +158,7 @@ mod tests {
             "0.0.0.0:1",
             "255.255.255.255:1",
             "[::]:1",
-            "[fe80::1]:1",
+            "[fe80:0:0:1::1]:1",
             "1.2.3.4:0",
         ] {
             let mut bytes = Vec::new();

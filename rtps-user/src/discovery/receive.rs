@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use super::builtin;
 use super::database::Announced;
+use super::remote_participant::Standing;
 use super::sedp::{SedpSample, read_sedp};
 use super::spdp::{SpdpSample, read_spdp};
 use super::{Discovery, DiscoveryEvent, EndpointData, ParticipantData, ParticipantMessageData};
@@ -22,6 +23,26 @@ impl Discovery {
         source: SocketAddr,
         datagram: &[u8],
     ) -> Result<(), WireError> {
+        self.handle(now, source, datagram, false)
+    }
+
+    /// Reads a message that the low-level layer has handed over and answered.
+    pub fn handle_answered(
+        &mut self,
+        now: Instant,
+        source: SocketAddr,
+        datagram: &[u8],
+    ) -> Result<(), WireError> {
+        self.handle(now, source, datagram, true)
+    }
+
+    fn handle(
+        &mut self,
+        now: Instant,
+        source: SocketAddr,
+        datagram: &[u8],
+        is_answered: bool,
+    ) -> Result<(), WireError> {
         let receiver = MessageReceiver::new(self.prefix(), datagram)?;
         let Header { prefix, .. } = *receiver.header();
         // The group gives back to us what we send to it.
@@ -31,42 +52,75 @@ impl Discovery {
         if !self.database.is_foreign(prefix, source.ip()) {
             self.database.renew(now, prefix);
         }
-        for received in receiver.map_while(Result::ok) {
+        for received in receiver.clone().map_while(Result::ok) {
             // The built-in endpoints refuse the same.
             if self.database.is_foreign(received.source, source.ip()) {
                 self.refused.foreign += 1;
             } else {
-                self.handle_submessage(now, source, &received);
+                self.handle_submessage(now, source, &received, is_answered);
             }
         }
-        let result = self.endpoints.handle_datagram(now, source, datagram);
+        if !self.config.kernel_discovery {
+            let result = self.endpoints.handle_datagram(now, source, datagram);
+            self.collect(now);
+            return result;
+        }
+        let before = self.note_progress(receiver, is_answered);
+        let result = if is_answered {
+            self.endpoints.handle_answered(now, source, datagram)
+        } else {
+            self.endpoints.handle_datagram(now, source, datagram)
+        };
         self.collect(now);
+        self.tell_progress(before);
         result
     }
 
-    fn handle_submessage(&mut self, now: Instant, source: SocketAddr, received: &Received<'_>) {
+    fn handle_submessage(
+        &mut self,
+        now: Instant,
+        source: SocketAddr,
+        received: &Received<'_>,
+        is_answered: bool,
+    ) {
         let from = received.source;
-        let sender = match received.submessage {
-            Submessage::Data(data) if data.writer == EntityId::SPDP_WRITER => {
-                match read_spdp(from, &data) {
-                    Ok(SpdpSample::Alive(data)) => self.handle_announcement(now, source, *data),
-                    Ok(SpdpSample::Gone(prefix)) => self.remove_participant(now, prefix),
-                    Err(error) => self.refuse_malformed(from, error),
+        if let Submessage::Data(data) = &received.submessage
+            && data.writer == EntityId::SPDP_WRITER
+        {
+            match read_spdp(from, data) {
+                Ok(SpdpSample::Alive(data)) => {
+                    self.handle_announcement(now, source, *data, is_answered);
                 }
-                return;
+                Ok(SpdpSample::Gone(prefix)) => self.remove_participant(now, prefix),
+                Err(error) => self.refuse_malformed(from, error),
             }
-            Submessage::Data(data) => data.writer,
-            Submessage::Heartbeat(heartbeat) => heartbeat.writer,
-            Submessage::AckNack(acknack) => acknack.reader,
-            _ => return,
-        };
+            return;
+        }
         // Who takes part in the reliable protocol and names us has got something from us: it is no mere invention.
-        let may_prove = sender.is_builtin() && received.is_directed;
-        if may_prove && self.database.prove(now, from) {
-            self.events.push_back(DiscoveryEvent::ParticipantFound {
-                prefix: from,
-                is_new: false,
-            });
+        let is_builtin = received
+            .submessage
+            .sender()
+            .is_some_and(EntityId::is_builtin);
+        if is_builtin && received.is_directed {
+            self.prove(now, from);
+        }
+    }
+
+    fn prove(&mut self, now: Instant, prefix: GuidPrefix) {
+        let Some(before) = self.database.prove(now, prefix) else {
+            return;
+        };
+        let is_new = before == Standing::Pending;
+        self.events
+            .push_back(DiscoveryEvent::ParticipantFound { prefix, is_new });
+        if is_new {
+            self.match_participant(now, prefix);
+            // The low-level layer has greeted them.
+            for (writer, reader) in builtin::topics() {
+                if let Some(writer) = self.endpoints.writer_mut(writer) {
+                    writer.greeting(now, Guid::new(prefix, reader));
+                }
+            }
         }
     }
 
@@ -83,15 +137,22 @@ impl Discovery {
             && data.prefix != ours.prefix
     }
 
-    fn handle_announcement(&mut self, now: Instant, source: SocketAddr, data: ParticipantData) {
+    fn handle_announcement(
+        &mut self,
+        now: Instant,
+        source: SocketAddr,
+        data: ParticipantData,
+        is_answered: bool,
+    ) {
         let prefix = data.prefix;
         if !self.concerns_us(&data) {
             return;
         }
-        let is_new = match self.database.announce(now, source.ip(), data) {
+        let is_new = match self.database.announce(now, source.ip(), data, is_answered) {
             Announced::Unchanged => return,
             Announced::NoRoom => {
                 self.refused.participants += 1;
+                self.disown(prefix);
                 return;
             }
             Announced::Changed => false,
@@ -103,9 +164,10 @@ impl Discovery {
                 true
             }
         };
-        let participant = self.database.get(prefix);
-        let address = participant.and_then(|participant| participant.metatraffic.first());
-        if let (true, Some(address)) = (is_new, address) {
+        let Some(participant) = self.database.get(prefix).filter(|p| !p.is_pending()) else {
+            return;
+        };
+        if let (true, Some(address)) = (is_new, participant.metatraffic.first()) {
             self.announcer.answer(now, prefix, *address);
         }
         self.match_participant(now, prefix);
@@ -177,10 +239,8 @@ impl Discovery {
         }
         self.refused.endpoints += 1;
         // Or else its samples would fill the reader's table of instances.
-        for (reader, of_topic) in builtin::readers() {
-            if of_topic == writer.entity {
-                self.endpoints.unmatch(now, reader, writer);
-            }
+        if let Some(reader) = builtin::reader_of(writer.entity) {
+            self.endpoints.unmatch(now, reader, writer);
         }
     }
 

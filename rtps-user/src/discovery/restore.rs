@@ -5,6 +5,7 @@
 use std::net::IpAddr;
 use std::time::Instant;
 
+use super::remote_participant::Standing;
 use super::{Discovery, EndpointData, ParticipantData, builtin, sedp};
 use crate::wire::{EntityId, Guid, SequenceNumber};
 
@@ -41,12 +42,16 @@ impl Discovery {
 
     /// The number that a built-in writer of ours gives its next sample.
     pub fn restore_sequence(&mut self, writer: EntityId, next: SequenceNumber) {
-        let count = self.count(self.start);
         if let Some(writer) = self.endpoints.writer_mut(writer)
             && writer.last_sequence() < next
         {
-            writer.resume_from(next, count);
+            writer.resume_from(next, 0);
         }
+    }
+
+    /// What announces our participant, for one who does it in our name: INFO_TS and DATA.
+    pub fn announcement_submessages(&self) -> Vec<u8> {
+        self.announcer.submessages()
     }
 
     /// A remote participant was known, by announcements from `source`.
@@ -58,7 +63,12 @@ impl Discovery {
         data: ParticipantData,
     ) {
         let prefix = data.prefix;
-        self.database.insert(now, source, data, proven);
+        let standing = if proven {
+            Standing::Proven
+        } else {
+            Standing::Unproven
+        };
+        self.database.insert(now, source, data, standing);
         self.match_participant(now, prefix);
     }
 
@@ -69,16 +79,11 @@ impl Discovery {
 
     /// Everything below `next` was received of a built-in writer of a restored participant.
     pub fn restore_progress(&mut self, writer: Guid, next: SequenceNumber) {
-        let count = self.count(self.start);
-        for (reader, of_topic) in builtin::readers() {
-            if of_topic != writer.entity {
-                continue;
-            }
-            if let Some(reader) = self.endpoints.reader_mut(reader)
-                && reader.is_matched(writer)
-            {
-                reader.resume_from(writer, next, count);
-            }
+        if let Some(reader) = builtin::reader_of(writer.entity)
+            && let Some(reader) = self.endpoints.reader_mut(reader)
+            && reader.is_matched(writer)
+        {
+            reader.resume_from(writer, next, 0);
         }
     }
 }

@@ -158,16 +158,21 @@ impl Announcer {
         self.next
     }
 
-    /// Writes the next datagram. `participants` are the addresses of those that multicast does not reach.
+    /// Writes the next datagram, and says which participant it answers, if it does. `participants` are the addresses
+    /// of those that multicast does not reach.
     pub(super) fn poll_transmit(
         &mut self,
         participants: impl Fn() -> Vec<SocketAddr>,
         out: &mut Vec<u8>,
-    ) -> Option<Transmit> {
+    ) -> Option<(Transmit, Option<GuidPrefix>)> {
         loop {
             let announcement = self.queue.pop_front()?;
+            let mut answered = None;
             let destinations = match announcement {
-                Announcement::Answer(_, address) => vec![address],
+                Announcement::Answer(participant, address) => {
+                    answered = Some(participant);
+                    vec![address]
+                }
                 Announcement::Periodic | Announcement::Farewell => {
                     let mut all = participants();
                     all.retain(|address| !self.destinations.contains(address));
@@ -179,13 +184,32 @@ impl Announcer {
             };
             self.write(&announcement, out);
             if !destinations.is_empty() {
-                return Some(Transmit {
-                    destinations: destinations.into(),
-                });
+                let destinations = destinations.into();
+                return Some((Transmit { destinations }, answered));
             }
             if self.queue.is_empty() {
                 return None;
             }
+        }
+    }
+
+    /// What announces us, for one who does it in our name: INFO_TS and DATA.
+    pub(super) fn submessages(&self) -> Vec<u8> {
+        let mut out = Vec::new();
+        let mut message = MessageWriter::resume(&mut out);
+        message.info_timestamp(self.timestamp);
+        message.data(&self.data());
+        out
+    }
+
+    fn data(&self) -> Data<'_> {
+        Data {
+            reader: EntityId::UNKNOWN,
+            writer: EntityId::SPDP_WRITER,
+            sequence: self.sequence,
+            inline_qos: InlineQos::default(),
+            kind: PayloadKind::Data,
+            payload: &self.payload,
         }
     }
 
@@ -195,14 +219,7 @@ impl Announcer {
             message.info_destination(*participant);
         }
         message.info_timestamp(self.timestamp);
-        let mut data = Data {
-            reader: EntityId::UNKNOWN,
-            writer: EntityId::SPDP_WRITER,
-            sequence: self.sequence,
-            inline_qos: InlineQos::default(),
-            kind: PayloadKind::Data,
-            payload: &self.payload,
-        };
+        let mut data = self.data();
         let mut key = Vec::new();
         if let Announcement::Farewell = announcement {
             encode_participant_key(self.prefix, &mut key);

@@ -31,6 +31,33 @@ impl Endpoints {
         Ok(())
     }
 
+    /// Takes in a datagram that another has answered already in our name: samples count, and acknowledgements, but
+    /// nothing is asked for or repeated.
+    ///
+    /// # Errors
+    /// As those of [`handle_datagram`](Self::handle_datagram).
+    pub fn handle_answered(
+        &mut self,
+        now: Instant,
+        source: SocketAddr,
+        datagram: &[u8],
+    ) -> Result<(), WireError> {
+        for received in MessageReceiver::new(self.prefix, datagram)? {
+            let received = received?;
+            match &received.submessage {
+                Submessage::AckNack(acknack) => {
+                    let reader = Guid::new(received.source, acknack.reader);
+                    self.with_writer(source.ip(), reader, acknack.writer, |writer| {
+                        writer.acknowledge(now, reader, acknack.state.base);
+                    });
+                }
+                Submessage::Heartbeat(_) => {}
+                _ => self.dispatch(now, source.ip(), &received),
+            }
+        }
+        Ok(())
+    }
+
     fn dispatch(&mut self, now: Instant, source: IpAddr, received: &Received<'_>) {
         let guid = |entity| Guid::new(received.source, entity);
         let timestamp = received.timestamp;

@@ -1,6 +1,6 @@
 //! HistoryCache: the changes that a writer still has (RTPS 2.5 section 8.2.2).
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 
 use super::{CacheChange, NewChange};
 use crate::wire::{KeyHash, SequenceNumber};
@@ -12,6 +12,16 @@ pub struct HistoryCache {
     changes: BTreeMap<SequenceNumber, CacheChange>,
     instances: BTreeMap<KeyHash, Instance>,
     bytes: usize,
+    journal: Option<VecDeque<Entry>>,
+}
+
+/// What has happened to a history.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub enum Entry {
+    /// A change was taken in.
+    Inserted(SequenceNumber),
+    /// A change was taken out.
+    Removed(SequenceNumber),
 }
 
 /// The changes of one instance.
@@ -26,6 +36,29 @@ pub struct Instance {
 }
 
 impl HistoryCache {
+    /// Keeps a journal from now on, for one who repeats all that happens.
+    pub fn keep_journal(&mut self) {
+        self.journal = Some(VecDeque::new());
+    }
+
+    /// Whether there is something in the journal.
+    pub fn has_news(&self) -> bool {
+        self.journal
+            .as_ref()
+            .is_some_and(|journal| !journal.is_empty())
+    }
+
+    /// Takes the oldest entry out of the journal.
+    pub fn next_news(&mut self) -> Option<Entry> {
+        self.journal.as_mut()?.pop_front()
+    }
+
+    fn note(&mut self, entry: Entry) {
+        if let Some(journal) = &mut self.journal {
+            journal.push_back(entry);
+        }
+    }
+
     /// Appends a change; `sequence` must be above all that are in here.
     pub fn insert(&mut self, sequence: SequenceNumber, change: NewChange) {
         debug_assert!(self.last().is_none_or(|last| last < sequence));
@@ -36,6 +69,7 @@ impl HistoryCache {
         self.bytes += change.payload.len();
         self.changes
             .insert(sequence, CacheChange::new(change, older));
+        self.note(Entry::Inserted(sequence));
     }
 
     /// Takes a change out.
@@ -43,6 +77,7 @@ impl HistoryCache {
         let change = self.changes.remove(&sequence)?;
         self.bytes -= change.payload.len();
         self.unlink(&change);
+        self.note(Entry::Removed(sequence));
         Some(change)
     }
 

@@ -6,5 +6,5 @@
 mod cache;
 mod change;
 
-pub use cache::{HistoryCache, Instance};
+pub use cache::{Entry, HistoryCache, Instance};
 pub use change::{CacheChange, ChangeKind, NewChange};

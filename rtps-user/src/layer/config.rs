@@ -23,16 +23,23 @@ pub struct LayerConfig {
     pub loopback: SocketAddr,
     /// Where announcements go beside the multicast group: addresses of hosts that multicast does not reach.
     pub peers: Vec<SocketAddr>,
-    /// The group that announcements go to and come from; none where multicast is not wanted.
-    pub multicast: Option<SocketAddr>,
+    /// The groups that announcements go to and come from; none where multicast is not wanted.
+    pub multicast: Vec<SocketAddr>,
     /// How long others keep the host's participant after its last sign of life.
     pub lease: Duration,
     /// The time between two announcements; well below the lease.
     pub announce_period: Duration,
     /// The most bytes of UDP payload in one datagram.
     pub datagram_size: u16,
-    /// Grows by one with each restart with the same prefix, so that counts in HEARTBEATs and ACKNACKs go on.
-    pub incarnation: u32,
+    /// How long ago counts in HEARTBEATs and ACKNACKs began. They follow the time, so that those of the low-level layer
+    /// and those after a restart with the same prefix go on from each other.
+    pub count_age: Duration,
+    /// The low-level layer answers discovery messages and hands over the news
+    /// ([`handle_answered`](super::Layer::handle_answered)); it is told what it needs for that.
+    pub kernel_discovery: bool,
+    /// Datagrams of a participant are taken only from its own addresses; to be switched off for hosts that send from
+    /// addresses that they do not announce.
+    pub bind_addresses: bool,
     /// The wall-clock time at the start, for the source timestamps of discovery samples.
     pub started: Timestamp,
     /// How long endpoints of apps stay declared after a restart of the layer until the apps come back.
@@ -71,11 +78,13 @@ impl LayerConfig {
             user: Vec::new(),
             loopback,
             peers: Vec::new(),
-            multicast: None,
+            multicast: Vec::new(),
             lease: Duration::from_secs(20),
             announce_period: Duration::from_secs(5),
             datagram_size: 1472,
-            incarnation: 0,
+            count_age: Duration::ZERO,
+            kernel_discovery: false,
+            bind_addresses: true,
             started: Timestamp::default(),
             resume_grace: Duration::from_secs(5),
             limits: Limits::default(),
@@ -89,16 +98,18 @@ impl LayerConfig {
                 domain: Some(self.domain),
                 name: self.name.clone(),
                 metatraffic_unicast: self.metatraffic.clone(),
-                metatraffic_multicast: self.multicast.into_iter().collect(),
+                metatraffic_multicast: self.multicast.clone(),
                 default_unicast: self.user.clone(),
                 lease: wire::Duration::from_std(self.lease),
                 ..ParticipantData::new(self.prefix)
             },
-            multicast: self.multicast,
+            multicast: self.multicast.clone(),
             peers: self.peers.clone(),
             announce_period: self.announce_period,
             datagram_size: self.datagram_size,
-            incarnation: self.incarnation,
+            count_age: self.count_age,
+            kernel_discovery: self.kernel_discovery,
+            bind_addresses: self.bind_addresses,
             started: self.started,
             limits: self.limits.discovery,
         }

@@ -20,9 +20,7 @@ impl Layer {
     pub(super) fn settle(&mut self) {
         while let Some(event) = self.discovery.poll_event() {
             match event {
-                DiscoveryEvent::ParticipantFound { prefix, is_new } => {
-                    self.handle_participant(prefix, is_new);
-                }
+                DiscoveryEvent::ParticipantFound { prefix, .. } => self.handle_participant(prefix),
                 DiscoveryEvent::ParticipantLost { prefix, endpoints } => {
                     self.handle_lost_participant(prefix, &endpoints);
                 }
@@ -40,6 +38,16 @@ impl Layer {
                     });
                 }
                 DiscoveryEvent::Progress { writer, next } => self.store_progress(writer, next),
+                DiscoveryEvent::Overtaken { writer, next } => {
+                    let exact = false;
+                    self.kernel(KernelChange::Progress {
+                        writer,
+                        next,
+                        exact,
+                    });
+                    self.store_progress(writer, next);
+                }
+                DiscoveryEvent::Disowned(prefix) => self.kernel(KernelChange::ForgetPeer(prefix)),
                 DiscoveryEvent::WithdrawalDone {
                     announcer,
                     sequence,
@@ -59,6 +67,7 @@ impl Layer {
             self.refresh_route(writer);
         }
         for change in changes {
+            self.supervise(&change);
             self.tell(change);
         }
     }
@@ -112,7 +121,7 @@ impl Layer {
         }
     }
 
-    fn handle_participant(&mut self, prefix: GuidPrefix, is_new: bool) {
+    fn handle_participant(&mut self, prefix: GuidPrefix) {
         let Some(participant) = self.discovery.participant(prefix) else {
             return;
         };
@@ -126,9 +135,7 @@ impl Layer {
         let endpoints: Vec<_> = entities
             .filter_map(|entity| participant.endpoint(*entity))
             .collect();
-        if is_new {
-            self.kernel(KernelChange::Peer(prefix));
-        }
+        self.refresh_peer(prefix);
         for endpoint in endpoints {
             let changes = self.matchmaker.insert(endpoint);
             self.apply(changes);
@@ -140,7 +147,7 @@ impl Layer {
         for guid in endpoints {
             self.handle_lost_endpoint(*guid);
         }
-        self.kernel(KernelChange::ForgetPeer(prefix));
+        self.forget_peer(prefix);
         for writer in [
             EntityId::SEDP_PUBLICATIONS_WRITER,
             EntityId::SEDP_SUBSCRIPTIONS_WRITER,
@@ -157,6 +164,9 @@ impl Layer {
         let (Some(data), Some(endpoint)) = (data, self.remote_endpoint(guid)) else {
             return;
         };
+        if !self.peers.may_send_from(guid.prefix, &endpoint.addresses) {
+            self.refresh_peer(guid.prefix);
+        }
         let changes = self.matchmaker.insert(endpoint);
         self.apply(changes);
         if self.store(Record::Endpoint(Box::new(data))) {

@@ -7,12 +7,18 @@
 //! The order of the outputs is a promise: a route is there before the app learns of the match, an app is told before
 //! the store is changed, and the store is changed before a remote participant learns that we know. So nothing is
 //! lost by a crash between two of them.
+//!
+//! A low-level layer may answer discovery messages in the layer's name ([`LayerConfig::kernel_discovery`]). It is told
+//! what to answer by [`KernelChange`]s, and hands over what it has news in: [`Layer::handle_answered`], or
+//! [`Layer::handle_datagram`] where it has not answered. A message it has handed over must not be forgotten before the
+//! outputs that follow from it are drained, for it is acknowledged.
 
 mod apps;
 mod config;
 mod declare;
 mod events;
 mod outputs;
+mod peers;
 pub mod protocol;
 mod restore;
 mod status;
@@ -27,6 +33,7 @@ use std::time::Instant;
 use apps::{App, Apps};
 pub use config::{LayerConfig, Limits};
 pub use outputs::{KernelChange, LayerOutput};
+use peers::Peers;
 use protocol::{FromLayer, Hello, LAYER_PROTOCOL_VERSION, ToLayer, Welcome};
 use rtps_ebpf::SlotSet;
 pub use status::{AppStatus, EndpointStatus, LayerStatus, ParticipantStatus, RefusedStatus};
@@ -34,7 +41,7 @@ use store::Record;
 pub use store::{MAX_STORE_VALUE, StoreChange, StoreKey};
 
 use crate::discovery::{Discovery, Matchmaker};
-use crate::wire::{Guid, GuidPrefix, WireError};
+use crate::wire::{Guid, GuidPrefix, SequenceNumber, WireError};
 
 /// The host's participant in one domain, for up to 255 apps.
 #[derive(Debug)]
@@ -45,6 +52,7 @@ pub struct Layer {
     apps: Apps,
     /// What the low-level layer has been told.
     routes: BTreeMap<Guid, SlotSet>,
+    peers: Peers,
     /// Remote endpoints that are too large for the store: they must be announced again after a restart.
     unstorable: BTreeSet<Guid>,
     outputs: VecDeque<LayerOutput>,
@@ -58,6 +66,7 @@ impl Layer {
             matchmaker: Matchmaker::new(config.prefix),
             apps: Apps::default(),
             routes: BTreeMap::new(),
+            peers: Peers::default(),
             unstorable: BTreeSet::new(),
             outputs: VecDeque::new(),
             config,
@@ -167,6 +176,39 @@ impl Layer {
         result
     }
 
+    /// Reads a message that the low-level layer has handed over and answered: samples and what is gone count as ever,
+    /// but nothing is answered once more.
+    pub fn handle_answered(
+        &mut self,
+        now: Instant,
+        source: SocketAddr,
+        datagram: &[u8],
+    ) -> Result<(), WireError> {
+        let result = self.discovery.handle_answered(now, source, datagram);
+        self.settle();
+        result
+    }
+
+    /// The low-level layer has seen that a built-in reader of a remote participant has all samples below `base`. To be
+    /// said before [`handle_timeout`](Self::handle_timeout), which reminds readers that lag behind, of all that
+    /// [`unacknowledged`](Self::unacknowledged) gives.
+    pub fn acknowledged(&mut self, now: Instant, reader: Guid, base: SequenceNumber) {
+        self.discovery.acknowledged(now, reader, base);
+        self.settle();
+    }
+
+    /// The participants with built-in readers that have not acknowledged everything, as far as is known here.
+    pub fn unacknowledged(&self) -> impl Iterator<Item = GuidPrefix> + use<> {
+        self.discovery.unacknowledged()
+    }
+
+    /// The remote participants that are known, whose signs of life are to be told by [`seen`](Self::seen).
+    pub fn participants(&self) -> impl Iterator<Item = GuidPrefix> {
+        self.discovery
+            .participants()
+            .map(|participant| participant.data.prefix)
+    }
+
     /// The low-level layer saw traffic of a participant at `at`: its lease holds from then. To be said before
     /// [`handle_timeout`](Self::handle_timeout), which ends leases.
     pub fn seen(&mut self, at: Instant, participant: GuidPrefix) {
@@ -207,6 +249,9 @@ impl Layer {
     /// Leaves the domain: remote participants forget this one and all of its endpoints at once. Drain the outputs
     /// once more, then drop the layer.
     pub fn shutdown(&mut self, _now: Instant) {
+        if self.config.kernel_discovery {
+            self.kernel(KernelChange::Announcement(Vec::new()));
+        }
         self.discovery.leave();
     }
 
@@ -214,6 +259,10 @@ impl Layer {
     pub fn poll_output(&mut self, now: Instant, out: &mut Vec<u8>) -> Option<LayerOutput> {
         if let Some(output) = self.outputs.pop_front() {
             return Some(output);
+        }
+        // Only now, for what others may learn must have been stored; and before it is sent.
+        if let Some(change) = self.poll_publication() {
+            return Some(LayerOutput::Kernel(change));
         }
         self.discovery
             .poll_transmit(now, out)

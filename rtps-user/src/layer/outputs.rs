@@ -1,11 +1,13 @@
 //! What the layer wants done by who drives it.
 
+use std::net::IpAddr;
+
 use rtps_ebpf::SlotSet;
 
 use super::protocol::FromLayer;
 use super::store::StoreChange;
 use crate::Transmit;
-use crate::wire::{Guid, GuidPrefix};
+use crate::wire::{EntityId, Guid, GuidPrefix, SequenceNumber};
 
 /// One thing to do. They are to be done in the order in which they come.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,6 +29,9 @@ pub enum LayerOutput {
 }
 
 /// A wanted change of a kernel map.
+///
+/// Of discovery it says what the low-level layer needs to answer by itself, and only where the layer is started with
+/// [`kernel_discovery`](super::LayerConfig::kernel_discovery).
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub enum KernelChange {
     /// Undirected messages of this writer go to the rings of these apps from now on; of none: forget the writer.
@@ -36,8 +41,56 @@ pub enum KernelChange {
         /// Apps with a matched reader.
         slots: SlotSet,
     },
-    /// Note the time of each message of this remote participant.
-    Peer(GuidPrefix),
-    /// The remote participant is gone.
+    /// Note the time of each message of this remote participant, and keep what else is known of it. Said again when
+    /// something has changed. Where the low-level layer answers, a participant counts once it is proven.
+    Peer {
+        /// The participant.
+        prefix: GuidPrefix,
+        /// Where its datagrams may come from; empty where that is not checked.
+        addresses: Vec<IpAddr>,
+        /// An app waits for signs of life of one of its writers: its participant messages are wanted.
+        supervised: bool,
+    },
+    /// The remote participant is gone, or has to make itself known again.
     ForgetPeer(GuidPrefix),
+    /// Answer the announcements of unknown participants with this: INFO_TS and DATA(p). Empty where the layer has to
+    /// answer.
+    Announcement(Vec<u8>),
+    /// Keep a sample of a built-in writer of ours for those that ask for it.
+    Sample {
+        /// The writer.
+        writer: EntityId,
+        /// The sample's number.
+        sequence: SequenceNumber,
+        /// Its source timestamp as it stands in a little-endian INFO_TS.
+        timestamp: [u8; 8],
+        /// The DATA, for the topic's built-in reader. Empty where it fits no datagram, so that the layer has to send
+        /// it.
+        submessage: Vec<u8>,
+    },
+    /// The sample is gone.
+    ForgetSample {
+        /// The writer.
+        writer: EntityId,
+        /// The sample's number.
+        sequence: SequenceNumber,
+    },
+    /// What HEARTBEATs of a built-in writer of ours say. Comes after the samples, and before they are sent.
+    Available {
+        /// The writer.
+        writer: EntityId,
+        /// The first number; one above `last` where there is no sample.
+        first: SequenceNumber,
+        /// The last number; 0 before the first sample.
+        last: SequenceNumber,
+    },
+    /// All samples of a remote built-in writer below `next` are dealt with.
+    Progress {
+        /// The writer.
+        writer: Guid,
+        /// The number.
+        next: SequenceNumber,
+        /// Go on from there even where the low-level layer has got further: what it took is not known here.
+        exact: bool,
+    },
 }

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use super::apps::{App, Declared};
 use super::store::Record;
-use super::{KernelChange, Layer, StoreKey};
+use super::{Layer, StoreKey};
 
 impl Layer {
     /// Takes over what an earlier incarnation wanted kept; before anything else. Apps then have
@@ -26,6 +26,7 @@ impl Layer {
         }
         self.apps.forget_old_news();
         self.store_announcement();
+        self.restore_peers();
         self.refresh_automatic_lease(now);
         self.settle();
     }
@@ -70,10 +71,8 @@ impl Layer {
                 proven,
                 data,
             } => {
-                let prefix = data.prefix;
                 self.discovery
                     .restore_participant(now, source, proven, *data);
-                self.kernel(KernelChange::Peer(prefix));
             }
             Record::Endpoint(data) => {
                 let guid = data.guid;
@@ -112,5 +111,6 @@ impl Layer {
         let (sequence, payload) = self.discovery.announcement();
         let payload = payload.to_vec();
         self.store(Record::Announcement { sequence, payload });
+        self.publish_announcement();
     }
 }

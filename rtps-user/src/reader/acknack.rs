@@ -9,6 +9,7 @@ use std::time::{Duration, Instant};
 
 use super::writer_proxy::WriterProxy;
 use super::{ReaderConfig, ReaderTiming};
+use crate::count::Count;
 use crate::wire::{AckNack, MessageWriter, NackFrag, SequenceNumber, SequenceNumberSet};
 
 /// Requests that are remembered; of older ones it is forgotten that they were made.
@@ -25,11 +26,12 @@ pub(super) struct Responder {
     requested: bool,
     /// The base of the last ACKNACK.
     acknowledged: SequenceNumber,
-    acknack_count: i32,
-    nack_frag_count: i32,
+    acknack_count: Count,
+    nack_frag_count: Count,
     requests: VecDeque<Request>,
     /// How long to wait for an answer to the last greeting.
     patience: Duration,
+    greetings: u32,
 }
 
 /// Numbers that were asked for together.
@@ -42,13 +44,13 @@ struct Request {
 
 impl Responder {
     pub(super) fn resume(&mut self, count: i32) {
-        self.acknack_count = count;
-        self.nack_frag_count = count;
+        self.acknack_count = Count::after(count);
+        self.nack_frag_count = Count::after(count);
     }
 
     /// The greater of its counts.
     pub(super) fn count(&self) -> i32 {
-        self.acknack_count.max(self.nack_frag_count)
+        self.acknack_count.max(self.nack_frag_count).value()
     }
 
     /// An ACKNACK is due even where nothing is missing.
@@ -78,23 +80,16 @@ impl Responder {
             });
         }
     }
-
-    /// Counts go up from 1; the first must be greater than what writers start to compare with, 0.
-    fn next_acknack_count(&mut self) -> i32 {
-        self.acknack_count = self.acknack_count.wrapping_add(1);
-        self.acknack_count
-    }
-
-    fn next_nack_frag_count(&mut self) -> i32 {
-        self.nack_frag_count = self.nack_frag_count.wrapping_add(1);
-        self.nack_frag_count
-    }
 }
 
 impl WriterProxy {
-    /// Writes the ACKNACK that greets the writer, so that it tells what it has; returns how long to wait for an
-    /// answer.
-    pub(super) fn greet(&mut self, config: &ReaderConfig, out: &mut Vec<u8>) -> Duration {
+    /// Writes the ACKNACK that greets the writer, so that it tells what it has; returns when to do it again.
+    pub(super) fn greet(
+        &mut self,
+        now: Instant,
+        config: &ReaderConfig,
+        out: &mut Vec<u8>,
+    ) -> Option<Instant> {
         let ReaderTiming {
             greeting_period: shortest,
             greeting_period_max: longest,
@@ -102,11 +97,12 @@ impl WriterProxy {
         } = config.timing;
         let patience = (2 * self.responder.patience).clamp(shortest, longest.max(shortest));
         self.responder.patience = patience;
+        self.responder.greetings += 1;
         let state = SequenceNumberSet::empty(self.greeting_base());
         let mut message = MessageWriter::new(out, config.guid.prefix);
         message.info_destination(self.guid.prefix);
-        message.acknack(&self.acknack(config, state, false));
-        patience
+        message.acknack(&self.acknack(now, config, state, false));
+        (self.responder.greetings < config.timing.max_greetings).then(|| now + patience)
     }
 
     /// Writes what is to be answered to the writer now; returns whether there is something to send, and when to
@@ -140,7 +136,7 @@ impl WriterProxy {
         message.info_destination(self.guid.prefix);
         if acknack {
             let is_final = missing.is_empty() && !asks;
-            message.acknack(&self.acknack(config, missing, is_final));
+            message.acknack(&self.acknack(now, config, missing, is_final));
         }
         let mut sent = acknack;
         for request in fragments {
@@ -149,7 +145,11 @@ impl WriterProxy {
                 writer: self.guid.entity,
                 sequence: request.sequence,
                 missing: request.missing,
-                count: self.responder.next_nack_frag_count(),
+                count: self
+                    .responder
+                    .nack_frag_count
+                    .advance(now, timing.count_clock)
+                    .value(),
             });
             sent = true;
         }
@@ -182,16 +182,18 @@ impl WriterProxy {
 
     fn acknack(
         &mut self,
+        now: Instant,
         config: &ReaderConfig,
         state: SequenceNumberSet,
         is_final: bool,
     ) -> AckNack {
         self.responder.acknowledged = state.base;
+        let count = &mut self.responder.acknack_count;
         AckNack {
             reader: config.guid.entity,
             writer: self.guid.entity,
             state,
-            count: self.responder.next_acknack_count(),
+            count: count.advance(now, config.timing.count_clock).value(),
             is_final,
         }
     }

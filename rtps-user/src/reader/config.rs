@@ -4,6 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
+use crate::CountClock;
 use crate::qos::Qos;
 use crate::wire::{Guid, KeyHash, PayloadKind};
 
@@ -73,9 +74,13 @@ pub struct ReaderTiming {
     pub greeting_period: Duration,
     /// The longest time between two greetings.
     pub greeting_period_max: Duration,
+    /// How many greetings a writer is sent at the most.
+    pub max_greetings: u32,
     /// heartbeatSuppressionDuration, as far as counts go: after so long a HEARTBEAT is heeded even where its
     /// count has not grown, because its writer may have begun to count anew.
     pub heartbeat_count_validity: Duration,
+    /// What the counts of ACKNACKs follow; without it they go up by one.
+    pub count_clock: Option<CountClock>,
 }
 
 impl Default for ReaderTiming {
@@ -86,7 +91,9 @@ impl Default for ReaderTiming {
             fragment_silence: Duration::from_millis(5),
             greeting_period: Duration::from_millis(50),
             greeting_period_max: Duration::from_secs(2),
+            max_greetings: u32::MAX,
             heartbeat_count_validity: Duration::from_millis(500),
+            count_clock: None,
         }
     }
 }

@@ -332,6 +332,13 @@ impl Reader {
         }
     }
 
+    /// All changes of a writer below `next` are dealt with, though they have not come here.
+    pub fn skip_to(&mut self, writer: Guid, next: SequenceNumber) {
+        if let Some(proxy) = self.proxies.get_mut(&writer) {
+            proxy.skip_to(next, &mut self.cache, &mut self.events);
+        }
+    }
+
     /// Does what is due but needs no datagram: leases and deadlines.
     pub fn handle_timeout(&mut self, now: Instant) {
         while let Some(writer) = self.watch.pop(now) {
@@ -368,10 +375,7 @@ impl Reader {
                 continue;
             };
             let (sent, again) = match message {
-                Message::Greeting => {
-                    let patience = proxy.greet(&self.config, out);
-                    (true, Some(now + patience))
-                }
+                Message::Greeting => (true, proxy.greet(now, &self.config, out)),
                 Message::Answer => proxy.respond(now, &self.config, out),
             };
             if let Some(at) = again {

@@ -237,6 +237,16 @@ impl WriterProxy {
         }
     }
 
+    /// Everything below `next` is dealt with.
+    pub(super) fn skip_to(&mut self, next: SequenceNumber, cache: &mut Cache, events: &mut Events) {
+        if next > self.next {
+            self.started = true;
+            self.highest = self.highest.max(next.previous());
+            self.irrelevant(self.next, next);
+            self.advance(cache, events);
+        }
+    }
+
     /// GAP. What it says of numbers far beyond the known ones is not believed; a HEARTBEAT has to come first.
     pub(super) fn gap(&mut self, gap: &Gap, cache: &mut Cache, events: &mut Events) {
         let believed = if self.started {

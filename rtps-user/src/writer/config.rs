@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use thiserror::Error;
 
+use crate::CountClock;
 use crate::qos::Qos;
 use crate::wire::Guid;
 
@@ -40,6 +41,8 @@ pub struct WriterTiming {
     /// Unacknowledged bytes after which a reliable KEEP_ALL writer takes no more for the moment, so that it can't
     /// run ahead of its slowest reader without bound.
     pub max_unacknowledged_bytes: usize,
+    /// What the counts of HEARTBEATs follow; without it they go up by one.
+    pub count_clock: Option<CountClock>,
 }
 
 impl Default for WriterTiming {
@@ -52,6 +55,7 @@ impl Default for WriterTiming {
             nack_suppression: Duration::from_millis(2),
             nack_suppression_max: Duration::from_millis(100),
             max_unacknowledged_bytes: 16 << 20,
+            count_clock: None,
         }
     }
 }

@@ -4,9 +4,9 @@ use std::time::{Duration, Instant};
 
 /// The last count that was accepted.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Count(Option<(i32, Instant)>);
+pub(super) struct LastCount(Option<(i32, Instant)>);
 
-impl Count {
+impl LastCount {
     /// After so long a lower count is no duplicate but that of a reader that was restarted.
     const MEMORY: Duration = Duration::from_millis(500);
 
@@ -29,11 +29,14 @@ mod tests {
     #[test]
     fn duplicates_are_refused_and_restarts_are_not() {
         let start = Instant::now();
-        let mut count = Count::default();
+        let mut count = LastCount::default();
         assert!(count.accept(start, i32::MAX));
         assert!(!count.accept(start, i32::MAX));
         assert!(count.accept(start, i32::MIN), "counts wrap around");
         assert!(!count.accept(start, i32::MAX));
-        assert!(count.accept(start + Count::MEMORY, 1), "a restarted reader");
+        assert!(
+            count.accept(start + LastCount::MEMORY, 1),
+            "a restarted reader"
+        );
     }
 }

@@ -55,8 +55,9 @@ impl Writer {
         None
     }
 
-    /// What the writer has that concerns a reader for which changes from `start` on do.
-    pub(super) fn heartbeat(&mut self, start: SequenceNumber) -> Heartbeat {
+    /// What the writer has that concerns a reader for which changes from `start` on do; ids and count are filled in
+    /// elsewhere.
+    pub(super) fn heartbeat(&self, start: SequenceNumber) -> Heartbeat {
         let end = self.live.end();
         let first = self.history.first().map_or(end, |first| first.min(end));
         Heartbeat {
@@ -64,9 +65,28 @@ impl Writer {
             writer: EntityId::UNKNOWN,
             first: first.max(start).min(end),
             last: end.previous(),
-            count: self.heartbeats.next_count(),
+            count: 0,
             is_final: false,
             liveliness: false,
+        }
+    }
+
+    /// The HEARTBEAT that greets a reader, for one who puts it into a datagram with other things; the writer does not
+    /// send it then.
+    pub fn greeting(&mut self, now: Instant, reader: Guid) -> Heartbeat {
+        let count = match self.readers.get_mut(&reader) {
+            Some(proxy) => {
+                proxy.outbox.announced();
+                self.heartbeats
+                    .next_count_to(now, &mut proxy.heartbeat_count)
+            }
+            None => self.heartbeats.next_count(now),
+        };
+        Heartbeat {
+            reader: reader.entity,
+            writer: self.config.guid.entity,
+            count,
+            ..self.heartbeat(SequenceNumber(1))
         }
     }
 
@@ -88,10 +108,13 @@ impl Writer {
             proxy.outbox.announced();
             let is_final = !proxy.lags_behind(self.live.end());
             let start = proxy.start();
-            let heartbeat = self.heartbeat(start);
+            let count = self
+                .heartbeats
+                .next_count_to(now, &mut proxy.heartbeat_count);
             packet.heartbeat(Heartbeat {
                 is_final,
-                ..heartbeat
+                count,
+                ..self.heartbeat(start)
             });
         }
         if packet.is_empty() {

@@ -5,25 +5,52 @@
 
 use std::time::{Duration, Instant};
 
-/// The count, and what makes the next HEARTBEAT due.
+use crate::CountClock;
+use crate::count::Count;
+
+/// The counts, and what makes the next HEARTBEAT due.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Heartbeats {
-    count: i32,
+    clock: Option<CountClock>,
+    /// Of the last one to all readers.
+    to_all: Count,
+    /// Of any.
+    highest: Count,
     deadline: Option<Instant>,
     changes_since: u32,
     is_due: bool,
 }
 
 impl Heartbeats {
-    /// Counts on from `count`.
-    pub(super) fn resume_from(&mut self, count: i32) {
-        self.count = count;
+    /// With counts that follow `clock`, if there is one.
+    pub(super) fn new(clock: Option<CountClock>) -> Self {
+        Self {
+            clock,
+            ..Self::default()
+        }
     }
 
-    /// The count of the next HEARTBEAT.
-    pub(super) fn next_count(&mut self) -> i32 {
-        self.count = self.count.wrapping_add(1);
-        self.count
+    /// Counts on from `count`.
+    pub(super) fn resume_from(&mut self, count: i32) {
+        self.to_all = Count::after(count);
+        self.highest = self.to_all;
+    }
+
+    /// The count of the next HEARTBEAT to all readers.
+    pub(super) fn next_count(&mut self, now: Instant) -> i32 {
+        self.to_all = self.highest.advance(now, self.clock);
+        self.to_all.value()
+    }
+
+    /// The count of the next HEARTBEAT to one reader, whose `last` one this becomes. Counts that follow the time must
+    /// not run ahead of it because there are many readers.
+    pub(super) fn next_count_to(&mut self, now: Instant, last: &mut Count) -> i32 {
+        if self.clock.is_none() {
+            return self.next_count(now);
+        }
+        *last = self.to_all.max(*last).advance(now, self.clock);
+        self.highest = self.highest.max(*last);
+        last.value()
     }
 
     /// A change has been sent to reliable readers.

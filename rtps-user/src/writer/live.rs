@@ -101,11 +101,11 @@ impl Writer {
         }
         let layout = self.layout;
         let mut packet = Packet::undirected(out, &layout);
-        if !self.announce_fragments(&mut packet) {
+        if !self.announce_fragments(now, &mut packet) {
             self.fill_changes(now, &mut packet);
         }
         if self.wants_heartbeat_to_all() && packet.has_room_for_heartbeat() {
-            self.heartbeat_to_all(&mut packet);
+            self.heartbeat_to_all(now, &mut packet);
         }
         let is_empty = packet.is_empty();
         self.release();
@@ -127,14 +127,14 @@ impl Writer {
     }
 
     /// Puts a HEARTBEAT_FRAG, where one is due, into a datagram of its own: fragments fill theirs. Gives whether it did.
-    fn announce_fragments(&mut self, packet: &mut Packet<'_>) -> bool {
+    fn announce_fragments(&mut self, now: Instant, packet: &mut Packet<'_>) -> bool {
         if !self.has_reliable_readers() {
             return false;
         }
         let Some((sequence, last_fragment)) = self.live.fragments_to_announce() else {
             return false;
         };
-        packet.heartbeat_frag(sequence, last_fragment, self.heartbeats.next_count());
+        packet.heartbeat_frag(sequence, last_fragment, self.heartbeats.next_count(now));
         true
     }
 
@@ -170,11 +170,12 @@ impl Writer {
         }
     }
 
-    fn heartbeat_to_all(&mut self, packet: &mut Packet<'_>) {
+    fn heartbeat_to_all(&mut self, now: Instant, packet: &mut Packet<'_>) {
         let is_final = !self.heartbeats.is_due();
         let heartbeat = Heartbeat {
             liveliness: self.live.asserts_liveliness,
             is_final,
+            count: self.heartbeats.next_count(now),
             ..self.heartbeat(SequenceNumber(1))
         };
         packet.heartbeat(heartbeat);

@@ -13,6 +13,7 @@ mod liveliness;
 mod outbox;
 mod packet;
 mod position;
+mod publication;
 mod reader_proxy;
 mod requests;
 mod retention;
@@ -26,12 +27,14 @@ use std::sync::Arc;
 use std::time::Instant;
 
 pub use config::{WriteError, WriterConfig, WriterEvent, WriterTiming};
+pub use publication::Publication;
 
 use heartbeat::Heartbeats;
 use live::Live;
 use liveliness::Lease;
 use packet::{Layout, Packet};
 use position::Position;
+use publication::Publisher;
 use reader_proxy::ReaderProxy;
 
 use crate::history::{HistoryCache, NewChange};
@@ -61,6 +64,8 @@ pub struct Writer {
     /// Unregistrations whose instances are still in the history.
     unregistered: VecDeque<SequenceNumber>,
     events: Events,
+    /// Where another answers readers as well.
+    publisher: Option<Publisher>,
 }
 
 /// What [`Writer::poll_event`] has still to tell.
@@ -75,6 +80,7 @@ impl Writer {
     pub fn new(config: WriterConfig) -> Self {
         Self {
             layout: Layout::new(config.guid, config.datagram_size),
+            heartbeats: Heartbeats::new(config.timing.count_clock),
             config,
             history: HistoryCache::default(),
             last: SequenceNumber::ZERO,
@@ -82,12 +88,12 @@ impl Writer {
             readers: BTreeMap::new(),
             destinations: Arc::new([]),
             lowest_acknowledged: None,
-            heartbeats: Heartbeats::default(),
             lease: Lease::default(),
             queue: VecDeque::new(),
             next_answer: None,
             unregistered: VecDeque::new(),
             events: Events::default(),
+            publisher: None,
         }
     }
 
@@ -191,14 +197,26 @@ impl Writer {
         let Some(proxy) = self.readers.get_mut(&reader) else {
             return;
         };
-        let was_lowest = Some(proxy.acknowledged()) == self.lowest_acknowledged;
+        let before = proxy.acknowledged();
         let timing = &self.config.timing;
-        let has_progress = proxy.handle_acknack(now, acknack, self.live.end(), timing);
-        if has_progress && was_lowest {
-            self.refresh_acknowledged();
-            self.handle_progress();
-        }
+        proxy.handle_acknack(now, acknack, self.live.end(), timing);
+        self.settle_progress(reader, before);
         self.enqueue(now, reader);
+    }
+
+    /// A reader has all changes below `base`, and what it may want has been sent to it by another.
+    pub fn acknowledge(&mut self, now: Instant, reader: Guid, base: SequenceNumber) {
+        if let Some(proxy) = self.readers.get_mut(&reader) {
+            let before = proxy.acknowledged();
+            proxy.acknowledge(now, base, self.live.end(), &self.config.timing);
+            self.settle_progress(reader, before);
+        }
+    }
+
+    /// The reliable readers that have not acknowledged what they were sent.
+    pub fn lagging_readers(&self) -> impl Iterator<Item = Guid> + '_ {
+        let lagging = |proxy: &&ReaderProxy| proxy.lags_behind(self.live.end());
+        self.readers.values().filter(lagging).map(ReaderProxy::guid)
     }
 
     /// A reader says which fragments of a change it lacks.
@@ -276,6 +294,15 @@ impl Writer {
         }
         for reader in due {
             self.enqueue(now, reader);
+        }
+    }
+
+    /// A reader may have got further than `before`.
+    fn settle_progress(&mut self, reader: Guid, before: SequenceNumber) {
+        let now = self.readers.get(&reader).map(ReaderProxy::acknowledged);
+        if now > Some(before) && Some(before) == self.lowest_acknowledged {
+            self.refresh_acknowledged();
+            self.handle_progress();
         }
     }
 

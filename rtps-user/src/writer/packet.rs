@@ -13,8 +13,11 @@ const INFO_TS_LEN: usize = 12;
 const HEARTBEAT_LEN: usize = 32;
 /// Header, entity ids, start, and a set with all of its bits.
 const GAP_LEN: usize = 4 + 8 + 8 + 12 + 32;
-/// Key hash, status info, sentinel.
-const INLINE_QOS_LEN: usize = 20 + 8 + 4;
+const KEY_HASH_LEN: usize = 20;
+const STATUS_INFO_LEN: usize = 8;
+const SENTINEL_LEN: usize = 4;
+/// The most that inline QoS take.
+const INLINE_QOS_LEN: usize = KEY_HASH_LEN + STATUS_INFO_LEN + SENTINEL_LEN;
 /// Everything of a DATA but the payload.
 const DATA_LEN: usize = 4 + 20 + INLINE_QOS_LEN;
 /// Everything of a DATA_FRAG but the payload.
@@ -49,6 +52,58 @@ impl Layout {
     pub(super) fn is_fragmented(&self, len: usize) -> bool {
         let rest = self.datagram - HEADER_LEN - INFO_DST_LEN - INFO_TS_LEN - DATA_LEN;
         len.next_multiple_of(4) > rest
+    }
+
+    /// A change as a DATA for `reader`; empty where it is sent in fragments.
+    pub(super) fn submessage(
+        &self,
+        reader: EntityId,
+        sequence: SequenceNumber,
+        change: &CacheChange,
+    ) -> Vec<u8> {
+        let mut out = Vec::new();
+        if !self.is_fragmented(change.payload.len()) {
+            MessageWriter::resume(&mut out).data(&self.data(reader, sequence, change));
+        }
+        out
+    }
+
+    fn data<'a>(
+        &self,
+        reader: EntityId,
+        sequence: SequenceNumber,
+        change: &'a CacheChange,
+    ) -> Data<'a> {
+        Data {
+            reader,
+            writer: self.writer.entity,
+            sequence,
+            inline_qos: self.inline_qos(change),
+            kind: change.payload_kind(),
+            payload: &change.payload,
+        }
+    }
+
+    /// Bytes of a change's DATA.
+    fn data_len(&self, change: &CacheChange) -> usize {
+        let qos = self.inline_qos(change);
+        let parameters = usize::from(qos.key_hash.is_some()) * KEY_HASH_LEN
+            + usize::from(!qos.status.is_alive()) * STATUS_INFO_LEN;
+        let sentinel = if parameters > 0 { SENTINEL_LEN } else { 0 };
+        let without_qos = DATA_LEN - INLINE_QOS_LEN;
+        without_qos + parameters + sentinel + change.payload.len().next_multiple_of(4)
+    }
+
+    /// Samples of the built-in topics hold their key, and are many: only a disposal, which holds nothing else, needs
+    /// the hash as well, for those who read nothing else.
+    fn inline_qos(&self, change: &CacheChange) -> InlineQos {
+        let Guid { entity, .. } = self.writer;
+        let is_needed = !entity.is_builtin() || !change.kind.status_info().is_alive();
+        InlineQos {
+            key_hash: (entity.has_key() && is_needed).then_some(change.instance),
+            status: change.kind.status_info(),
+            coherent_set: None,
+        }
     }
 
     /// How many DATA_FRAGs that are.
@@ -143,7 +198,7 @@ impl<'a> Packet<'a> {
             sequence,
             fragment,
             fragment_size: self.layout.fragment,
-            inline_qos: self.inline_qos(change),
+            inline_qos: self.layout.inline_qos(change),
             kind: change.payload_kind(),
             sample: &change.payload,
         });
@@ -196,28 +251,13 @@ impl<'a> Packet<'a> {
     }
 
     fn data(&mut self, sequence: SequenceNumber, change: &CacheChange) -> bool {
-        if !self.has_room(INFO_TS_LEN + DATA_LEN + change.payload.len().next_multiple_of(4)) {
+        if !self.has_room(INFO_TS_LEN + self.layout.data_len(change)) {
             return false;
         }
         self.timestamp(change.timestamp);
-        self.message.data(&Data {
-            reader: self.reader,
-            writer: self.layout.writer.entity,
-            sequence,
-            inline_qos: self.inline_qos(change),
-            kind: change.payload_kind(),
-            payload: &change.payload,
-        });
+        self.message
+            .data(&self.layout.data(self.reader, sequence, change));
         true
-    }
-
-    fn inline_qos(&self, change: &CacheChange) -> InlineQos {
-        let has_key = self.layout.writer.entity.has_key();
-        InlineQos {
-            key_hash: has_key.then_some(change.instance),
-            status: change.kind.status_info(),
-            coherent_set: None,
-        }
     }
 
     fn timestamp(&mut self, timestamp: Timestamp) {

@@ -5,9 +5,10 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::WriterTiming;
-use super::count::Count;
+use super::count::LastCount;
 use super::outbox::Outbox;
 use crate::RemoteEndpoint;
+use crate::count::Count;
 use crate::wire::{AckNack, Guid, NackFrag, SequenceNumber};
 
 /// A matched reader.
@@ -21,10 +22,12 @@ pub(super) struct ReaderProxy {
     start: SequenceNumber,
     /// It has acknowledged everything up to this change.
     acknowledged: SequenceNumber,
-    acknack_count: Count,
-    nack_frag_count: Count,
+    acknack_count: LastCount,
+    nack_frag_count: LastCount,
     heartbeat_period: Duration,
     next_heartbeat: Instant,
+    /// Of the last HEARTBEAT that went to it alone.
+    pub(super) heartbeat_count: Count,
     answered_at: Option<Instant>,
     /// Whether it stands in the writer's queue of readers to be sent something.
     pub(super) is_queued: bool,
@@ -46,10 +49,11 @@ impl ReaderProxy {
             is_reliable,
             start,
             acknowledged: start.previous(),
-            acknack_count: Count::default(),
-            nack_frag_count: Count::default(),
+            acknack_count: LastCount::default(),
+            nack_frag_count: LastCount::default(),
             heartbeat_period: timing.heartbeat_period,
             next_heartbeat: now + timing.heartbeat_period,
+            heartbeat_count: Count::default(),
             answered_at: None,
             is_queued: false,
             outbox: Outbox::default(),
@@ -83,26 +87,18 @@ impl ReaderProxy {
         self.acknowledged
     }
 
-    /// Takes in an ACKNACK, where `end` is the first change that has not been sent yet; gives whether the reader
-    /// has got further.
+    /// Takes in an ACKNACK, where `end` is the first change that has not been sent yet.
     pub(super) fn handle_acknack(
         &mut self,
         now: Instant,
         acknack: &AckNack,
         end: SequenceNumber,
         timing: &WriterTiming,
-    ) -> bool {
+    ) {
         if !self.is_reliable || !self.acknack_count.accept(now, acknack.count) {
-            return false;
+            return;
         }
-        // Nobody can have what was not sent: a larger number is an error or an attack.
-        let acknowledged = acknack.state.base.min(end).previous();
-        let has_progress = acknowledged > self.acknowledged;
-        if has_progress {
-            self.acknowledged = acknowledged;
-            self.heartbeat_period = timing.heartbeat_period;
-            self.next_heartbeat = now + timing.heartbeat_period;
-        }
+        self.acknowledge(now, acknack.state.base, end, timing);
         self.outbox.request_changes(now, acknack.state, end, timing);
         // One that is not final asks for a HEARTBEAT (RTPS 8.3.8.1), as does that which a reader sends before it has
         // heard of the writer.
@@ -110,7 +106,23 @@ impl ReaderProxy {
             self.answered_at = Some(now);
             self.outbox.announce();
         }
-        has_progress
+    }
+
+    /// The reader has everything below `base`, where `end` is the first change that has not been sent yet.
+    pub(super) fn acknowledge(
+        &mut self,
+        now: Instant,
+        base: SequenceNumber,
+        end: SequenceNumber,
+        timing: &WriterTiming,
+    ) {
+        // Nobody can have what was not sent: a larger number is an error or an attack.
+        let acknowledged = base.min(end).previous();
+        if self.is_reliable && acknowledged > self.acknowledged {
+            self.acknowledged = acknowledged;
+            self.heartbeat_period = timing.heartbeat_period;
+            self.next_heartbeat = now + timing.heartbeat_period;
+        }
     }
 
     /// Takes in a NACK_FRAG.

@@ -1,12 +1,13 @@
 //! Best-effort samples: what arrives is in order and none comes twice.
 
 use anyhow::{Context, Result, ensure};
+use rtps_tests::layer::Layer;
 use rtps_tests::peers::{self, Peer};
 use rtps_tests::process::Process;
 
 use crate::flow;
-use crate::on_both_layers;
-use crate::stage::{Layer, Stage};
+use crate::layers::on_both_layers;
+use crate::stage::Stage;
 
 /// The publisher goes on until the subscriber has this many: which of them are first depends on the match.
 const WANTED: u64 = 100;

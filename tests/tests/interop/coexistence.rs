@@ -1,24 +1,28 @@
 //! One host: apps of ours with each other, with another vendor's programs, and those among themselves.
 
 use anyhow::Result;
+use rtps_tests::layer::Layer;
 use rtps_tests::peers::{self, Peer};
 
 use crate::flow::{self, Arguments};
-use crate::on_both_layers;
-use crate::stage::{Layer, Stage};
+use crate::layers::{on_both_layers, on_every_layer};
+use crate::stage::Stage;
 
 const SAMPLES: u64 = 300;
 const LARGE: u64 = 20_000;
 
-on_both_layers! {
-    app_to_app,
-    large_samples_app_to_app,
+on_every_layer! {
     cyclone_to_app,
     app_to_cyclone,
     fast_dds_to_app,
     app_to_fast_dds,
     cyclone_to_cyclone_beside_us,
     cyclone_across_beside_us,
+}
+
+on_both_layers! {
+    app_to_app,
+    large_samples_app_to_app,
 }
 
 fn app_to_app(layer: Layer) -> Result<()> {

@@ -1,21 +1,25 @@
 //! Readers that come late: TRANSIENT_LOCAL gives them what the history holds.
 
 use anyhow::{Result, ensure};
+use rtps_tests::layer::Layer;
 use rtps_tests::peers::{self, Peer};
 use rtps_tests::process::Process;
 
 use crate::flow::{self, EVERYTHING};
-use crate::on_both_layers;
-use crate::stage::{Layer, Stage};
+use crate::layers::{on_both_layers, on_every_layer};
+use crate::stage::Stage;
 
 const SAMPLES: u64 = 60;
 const DEPTH: u64 = 5;
 
-on_both_layers! {
+on_every_layer! {
     app_joins_late_to_cyclone,
     app_joins_late_to_fast_dds,
     cyclone_joins_late_to_app,
     fast_dds_joins_late_to_app,
+}
+
+on_both_layers! {
     keep_last_of_cyclone,
     keep_last_of_fast_dds,
     keep_last_for_cyclone,

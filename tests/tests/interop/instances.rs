@@ -3,12 +3,13 @@
 use std::collections::BTreeSet;
 
 use anyhow::{Result, ensure};
+use rtps_tests::layer::Layer;
 use rtps_tests::peers::{self, Peer};
 use rtps_tests::process::Process;
 
 use crate::flow::{self, EVERYTHING};
-use crate::on_both_layers;
-use crate::stage::{Layer, Stage};
+use crate::layers::on_both_layers;
+use crate::stage::Stage;
 
 const SAMPLES: u64 = 30;
 const COLORS: [&str; 3] = ["BLUE", "BLUE1", "BLUE2"];

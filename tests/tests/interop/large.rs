@@ -2,14 +2,13 @@
 
 use anyhow::{Result, ensure};
 use rtps_tests::capture::Capture;
+use rtps_tests::layer::Layer;
 use rtps_tests::peers::{self, Peer};
 use rtps_tests::process::Process;
-use rtps_tests::require;
-use rtps_tests::skip_unless;
 
 use crate::flow::{self, Arguments};
-use crate::on_both_layers;
-use crate::stage::{Host, Layer, Stage};
+use crate::layers::{on_both_layers, on_pairs_of_layers};
+use crate::stage::{Host, Stage};
 
 /// Octets of a sample, and how many of them are sent.
 const FROM_PEERS: [(u64, u64); 2] = [(20_000, 30), (100_000, 10)];
@@ -22,8 +21,9 @@ on_both_layers! {
     from_fast_dds,
     to_cyclone,
     to_fast_dds,
-    host_to_host,
 }
+
+on_pairs_of_layers! { between_hosts }
 
 fn from_cyclone(layer: Layer) -> Result<()> {
     from_peer(layer, &peers::cyclone()?)
@@ -61,22 +61,6 @@ fn to_peer(layer: Layer, peer: &Peer) -> Result<()> {
     let stage = Stage::new("large-to")?;
     let host = stage.near(layer)?;
     send_unfragmented(&host, |arguments| stage.peer(peer, arguments))
-}
-
-fn host_to_host(layer: Layer) -> Result<()> {
-    between_hosts(layer, layer)
-}
-
-#[test]
-fn kernel_layer_to_in_process_layer() -> Result<()> {
-    skip_unless!(require::root());
-    between_hosts(Layer::Kernel, Layer::InProcess)
-}
-
-#[test]
-fn in_process_layer_to_kernel_layer() -> Result<()> {
-    skip_unless!(require::root());
-    between_hosts(Layer::InProcess, Layer::Kernel)
 }
 
 fn between_hosts(near: Layer, far: Layer) -> Result<()> {

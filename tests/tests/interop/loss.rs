@@ -1,14 +1,15 @@
 //! Reliability over links that lose packets in both directions.
 
 use anyhow::{Result, ensure};
+use rtps_tests::layer::Layer;
 use rtps_tests::loss::{Loss, Lossy};
 use rtps_tests::peers::{self, Peer};
 use rtps_tests::require;
 use rtps_tests::skip_unless;
 
 use crate::flow::{self, Arguments};
-use crate::on_both_layers;
-use crate::stage::{Layer, Stage};
+use crate::layers::{on_both_layers, on_every_layer};
+use crate::stage::Stage;
 
 const LITTLE: Loss = Loss::Random(0.1);
 const MUCH: Loss = Loss::Random(0.3);
@@ -16,12 +17,15 @@ const SAMPLES: u64 = 200;
 const FRAGMENTED: u64 = 20;
 const FRAGMENTED_SIZE: u64 = 20_000;
 
-on_both_layers! {
+on_every_layer! {
     cyclone_to_app,
     app_to_cyclone,
     fast_dds_to_app,
     app_to_fast_dds,
     host_to_host,
+}
+
+on_both_layers! {
     fragments_from_cyclone,
     fragments_to_cyclone,
     fragments_host_to_host,

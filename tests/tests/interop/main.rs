@@ -1,7 +1,6 @@
 //! Our apps against unmodified Cyclone DDS and Fast DDS, and against each other, over real links.
 //!
-//! A scenario runs once with the kernel layer under our apps and once with the in-process layer; the apps are
-//! unprivileged both times. Scenarios wait for what they are about and never for time to pass: a busy machine makes
+//! A scenario runs with each of the [`layers`] under our apps, which are unprivileged every time. Scenarios wait for what they are about and never for time to pass: a busy machine makes
 //! them slow, not red. Where a test must not depend on which side sees a match first, it uses TRANSIENT_LOCAL.
 
 mod best_effort;
@@ -9,35 +8,13 @@ mod coexistence;
 mod durability;
 mod flow;
 mod instances;
+mod ipv6;
 mod large;
+mod layers;
 mod loss;
 mod matching;
 mod reliable;
 mod soak;
 mod stage;
+mod static_peers;
 mod wire;
-
-/// Makes two tests of each scenario: `kernel::NAME` and `in_process::NAME`.
-macro_rules! on_both_layers {
-    ($($scenario:ident),+ $(,)?) => {
-        mod kernel {
-            $(
-                #[test]
-                fn $scenario() -> anyhow::Result<()> {
-                    rtps_tests::skip_unless!(rtps_tests::require::root());
-                    super::$scenario(crate::stage::Layer::Kernel)
-                }
-            )+
-        }
-        mod in_process {
-            $(
-                #[test]
-                fn $scenario() -> anyhow::Result<()> {
-                    rtps_tests::skip_unless!(rtps_tests::require::root());
-                    super::$scenario(crate::stage::Layer::InProcess)
-                }
-            )+
-        }
-    };
-}
-pub(crate) use on_both_layers;

@@ -2,20 +2,21 @@
 
 use anyhow::{Context, Result, ensure};
 use nix::sys::signal::Signal;
+use rtps_tests::layer::Layer;
 use rtps_tests::peers::{self, Peer};
 use rtps_tests::process::Process;
 use rtps_tests::{require, skip_unless};
 
 use crate::flow::{self, EVERYTHING};
-use crate::on_both_layers;
-use crate::stage::{Layer, Stage};
+use crate::layers::on_every_layer;
+use crate::stage::Stage;
 
 const SAMPLES: u64 = 50;
 /// What is offered is less than what is requested.
 const OFFER: &str = "--pub --best-effort --timeout 50";
 const REQUEST: &str = "--sub --reliable --timeout 50";
 
-on_both_layers! {
+on_every_layer! {
     cyclone_offers_too_little,
     fast_dds_offers_too_little,
     cyclone_requests_too_much,

@@ -1,26 +1,29 @@
 //! Reliable samples, both ways, with each vendor and between hosts of ours.
 
 use anyhow::Result;
+use rtps_tests::layer::Layer;
 use rtps_tests::peers::{self, Peer};
-use rtps_tests::require;
-use rtps_tests::skip_unless;
 
 use crate::flow::{self, Arguments};
-use crate::on_both_layers;
-use crate::stage::{Layer, Stage};
+use crate::layers::{on_both_layers, on_every_layer, on_pairs_of_layers};
+use crate::stage::Stage;
 
 const SAMPLES: u64 = 300;
 
-on_both_layers! {
+on_every_layer! {
     cyclone_to_two_apps,
     fast_dds_to_two_apps,
     app_to_cyclone,
     app_to_fast_dds,
     app_to_both_vendors_at_once,
-    host_to_host,
+}
+
+on_both_layers! {
     xcdr2_from_cyclone,
     xcdr2_to_cyclone,
 }
+
+on_pairs_of_layers! { between_hosts }
 
 fn cyclone_to_two_apps(layer: Layer) -> Result<()> {
     peer_to_two_apps(layer, &peers::cyclone()?)
@@ -81,22 +84,6 @@ fn app_to_both_vendors_at_once(layer: Layer) -> Result<()> {
     ];
     let publisher = host.app(&arguments.publisher)?;
     flow::complete(publisher, subscribers, SAMPLES, 0)
-}
-
-fn host_to_host(layer: Layer) -> Result<()> {
-    between_hosts(layer, layer)
-}
-
-#[test]
-fn kernel_layer_to_in_process_layer() -> Result<()> {
-    skip_unless!(require::root());
-    between_hosts(Layer::Kernel, Layer::InProcess)
-}
-
-#[test]
-fn in_process_layer_to_kernel_layer() -> Result<()> {
-    skip_unless!(require::root());
-    between_hosts(Layer::InProcess, Layer::Kernel)
 }
 
 fn between_hosts(near: Layer, far: Layer) -> Result<()> {

@@ -3,18 +3,19 @@
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
+use rtps_tests::layer::Layer;
 use rtps_tests::peers;
 use rtps_tests::process::Process;
 
 use crate::flow::{self, EVERYTHING};
-use crate::on_both_layers;
-use crate::stage::{Layer, Stage};
+use crate::layers::on_every_layer;
+use crate::stage::Stage;
 
 /// Longer than the leases: ours 5 s (kernel layer) or 20 s, Cyclone's 10 s, Fast DDS's 20 s.
 const SOAK: Duration = Duration::from_secs(25);
 const PERIOD: Duration = Duration::from_millis(10);
 
-on_both_layers! { everybody_outlives_the_leases }
+on_every_layer! { everybody_outlives_the_leases }
 
 /// Cyclone and Fast DDS each write to an app and read from one, all with little traffic.
 fn everybody_outlives_the_leases(layer: Layer) -> Result<()> {

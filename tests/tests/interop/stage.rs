@@ -1,160 +1,114 @@
 //! Where a scenario plays: two hosts joined by a link, each with a layer of ours or with other vendors' programs.
 
-use std::net::Ipv4Addr;
-use std::sync::LazyLock;
-
-use anyhow::{Result, anyhow};
-use rtps_tests::binaries::{self, Binaries};
-use rtps_tests::layer::KernelLayer;
-use rtps_tests::link::{Interface, Veth};
+use anyhow::Result;
+use rtps_tests::layer::{KernelLayer, Layer};
+use rtps_tests::link::{self, Interface};
 use rtps_tests::loss::{Direction, Loss, Lossy};
-use rtps_tests::netns::{Identity, Netns};
+use rtps_tests::netns::Netns;
 use rtps_tests::peers::Peer;
 use rtps_tests::process::Process;
-
-/// What our apps of a host stand on.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub(crate) enum Layer {
-    Kernel,
-    InProcess,
-}
-
-impl Layer {
-    /// As RTPS_LAYER takes it.
-    fn name(self) -> &'static str {
-        match self {
-            Self::Kernel => "kernel",
-            Self::InProcess => "in-process",
-        }
-    }
-}
+use rtps_tests::stage::{self, binaries};
 
 /// Two hosts joined by a veth pair of the usual MTU.
 pub(crate) struct Stage {
-    near: Netns,
-    far: Netns,
-    veth: Veth,
+    near: link::Host,
+    far: link::Host,
 }
 
 impl Stage {
     pub(crate) fn new(label: &str) -> Result<Self> {
         // Whoever is started first must not wait for a build.
         binaries()?;
-        let near = Netns::new(&format!("{label}-near"))?;
-        let far = Netns::new(&format!("{label}-far"))?;
-        let [from, to] = [1, 2].map(|host| Ipv4Addr::new(10, 1, 0, host));
-        let veth = Veth::between(&near, &far, from, to, 1500)?;
-        Ok(Self { near, far, veth })
+        let [near, far] = stage::hosts(label)?;
+        Ok(Self { near, far })
+    }
+
+    /// Both hosts, to prepare them before anything runs there.
+    pub(crate) fn hosts(&self) -> [&link::Host; 2] {
+        [&self.near, &self.far]
     }
 
     /// The host that every scenario puts apps of ours on; their layer is started.
     pub(crate) fn near(&self, layer: Layer) -> Result<Host<'_>> {
-        Host::new(&self.near, &self.veth.a, layer, &[])
+        Host::new(&self.near, layer, &[])
     }
 
     /// As [`Stage::near`], with arguments for rtpsd where there is one.
     pub(crate) fn near_with(&self, layer: Layer, arguments: &[&str]) -> Result<Host<'_>> {
-        Host::new(&self.near, &self.veth.a, layer, arguments)
+        Host::new(&self.near, layer, arguments)
     }
 
     /// The other host, with apps of ours.
     pub(crate) fn far(&self, layer: Layer) -> Result<Host<'_>> {
-        Host::new(&self.far, &self.veth.b, layer, &[])
+        Host::new(&self.far, layer, &[])
     }
 
     /// Starts another vendor's program on the other host.
     pub(crate) fn peer(&self, peer: &Peer, arguments: &str) -> Result<Process> {
-        spawn_peer(&self.far, &self.veth.b, peer, arguments)
+        stage::spawn_peer(&self.far.netns, &self.far.interface, peer, arguments)
     }
 
     /// Loses packets in both directions while the value lives: at the sender's end, because XDP would take them off the
     /// link before a program at the receiver's end could lose them.
     pub(crate) fn lose(&self, loss: Loss) -> Result<[Lossy; 2]> {
         Ok([
-            Lossy::attach(&self.near, &self.veth.a, Direction::Egress, loss)?,
-            Lossy::attach(&self.far, &self.veth.b, Direction::Egress, loss)?,
+            Lossy::attach(
+                &self.near.netns,
+                &self.near.interface,
+                Direction::Egress,
+                loss,
+            )?,
+            Lossy::attach(
+                &self.far.netns,
+                &self.far.interface,
+                Direction::Egress,
+                loss,
+            )?,
         ])
     }
 }
 
 /// A host of a stage that apps of ours run on.
 pub(crate) struct Host<'a> {
-    netns: &'a Netns,
-    interface: &'a Interface,
+    host: &'a link::Host,
     layer: Layer,
     daemon: Option<KernelLayer<'a>>,
 }
 
 impl<'a> Host<'a> {
-    fn new(
-        netns: &'a Netns,
-        interface: &'a Interface,
-        layer: Layer,
-        arguments: &[&str],
-    ) -> Result<Self> {
-        let daemon = match layer {
-            Layer::Kernel => {
-                let rtpsd = binaries()?.rtpsd();
-                Some(KernelLayer::start(
-                    &rtpsd,
-                    netns,
-                    &interface.name,
-                    arguments,
-                )?)
-            }
-            Layer::InProcess => None,
+    fn new(host: &'a link::Host, layer: Layer, arguments: &[&str]) -> Result<Self> {
+        let start = |of_layer: &[&str]| {
+            let rtpsd = binaries()?.rtpsd();
+            let arguments = [of_layer, arguments].concat();
+            KernelLayer::start(&rtpsd, &host.netns, &host.interface.name, &arguments)
         };
         Ok(Self {
-            netns,
-            interface,
+            host,
             layer,
-            daemon,
+            daemon: layer.daemon_arguments().map(start).transpose()?,
         })
     }
 
     /// Starts an app of ours, which takes the peers' arguments, as a user without any rights.
     pub(crate) fn app(&self, arguments: &str) -> Result<Process> {
-        let program = binaries()?.example("shapes");
-        let mut command = self.netns.command_as(Identity::NOBODY, &program)?;
-        command
-            .args(arguments.split_whitespace())
-            .env("RTPS_LAYER", self.layer.name());
-        let label = format!("app on the {} layer: {arguments}", self.layer.name());
-        Process::spawn(&label, &mut command)
+        stage::spawn_app(&self.host.netns, self.layer, "shapes", arguments)
     }
 
     /// Starts another vendor's program on this same host.
     pub(crate) fn peer(&self, peer: &Peer, arguments: &str) -> Result<Process> {
-        spawn_peer(self.netns, self.interface, peer, arguments)
+        stage::spawn_peer(&self.host.netns, &self.host.interface, peer, arguments)
     }
 
     pub(crate) fn netns(&self) -> &Netns {
-        self.netns
+        &self.host.netns
     }
 
     pub(crate) fn interface(&self) -> &Interface {
-        self.interface
+        &self.host.interface
     }
 
     /// rtpsd, on the kernel layer.
     pub(crate) fn daemon(&mut self) -> Option<&mut KernelLayer<'a>> {
         self.daemon.as_mut()
     }
-}
-
-fn spawn_peer(
-    netns: &Netns,
-    interface: &Interface,
-    peer: &Peer,
-    arguments: &str,
-) -> Result<Process> {
-    let label = format!("{}: {arguments}", peer.name());
-    Process::spawn(&label, &mut peer.command(netns, interface, arguments))
-}
-
-/// Built once for all scenarios.
-fn binaries() -> Result<&'static Binaries> {
-    static BUILT: LazyLock<Result<Binaries, String>> =
-        LazyLock::new(|| binaries::build().map_err(|error| format!("{error:#}")));
-    BUILT.as_ref().map_err(|error| anyhow!("{error}"))
 }

@@ -2,6 +2,7 @@
 
 use anyhow::{Result, ensure};
 use rtps_tests::capture::{Capture, Decoded};
+use rtps_tests::layer::Layer;
 use rtps_tests::link::Interface;
 use rtps_tests::loss::Loss;
 use rtps_tests::peers;
@@ -9,8 +10,8 @@ use rtps_tests::require;
 use rtps_tests::skip_unless;
 
 use crate::flow::{self, Arguments, EVERYTHING};
-use crate::on_both_layers;
-use crate::stage::{Layer, Stage};
+use crate::layers::{on_both_layers, on_every_layer};
+use crate::stage::Stage;
 
 /// submessageIds (RTPS 2.5, 9.4.5.1.1).
 const SUBMESSAGES: [(u8, &str); 8] = [
@@ -24,10 +25,9 @@ const SUBMESSAGES: [(u8, &str); 8] = [
     (0x16, "DATA_FRAG"),
 ];
 
-on_both_layers! {
-    everything_decodes,
-    data_is_undirected_until_somebody_comes_late,
-}
+on_every_layer! { everything_decodes }
+
+on_both_layers! { data_is_undirected_until_somebody_comes_late }
 
 /// Entity ids of the built-in writers that announce the participant, its writers and its readers.
 const SPDP: &str = "0x000100c2";

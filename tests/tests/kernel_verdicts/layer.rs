@@ -7,16 +7,16 @@ use std::{
 
 use anyhow::{Context as _, Result};
 use aya::{
-    Ebpf, TestRun as _, TestRunOptions,
-    maps::{Array, ArrayOfMaps, HashMap, Map, MapData, PerCpuHashMap, RingBuf},
-    programs::{SocketFilter, Xdp},
+    Ebpf, Pod, TestRun as _, TestRunOptions,
+    maps::{Array, ArrayOfMaps, HashMap, Map, MapData, MapError, PerCpuHashMap, RingBuf},
+    programs::{SchedClassifier, SocketFilter, TcAttachType, Xdp},
 };
 use aya_obj::generated::bpf_map_type;
 use rtps_ebpf::{
     ABI_VERSION, Counter, SlotSet,
     abi::{
-        APP_ATTACHED, App, Bell, Config, Domain, PORT_MULTICAST, PORT_UNICAST, Peer, PortConfig,
-        RecordHeader, name,
+        APP_ATTACHED, App, Bell, Config, Domain, PEER_ANY_ADDRESS, PORT_METATRAFFIC,
+        PORT_MULTICAST, PORT_UNICAST, Peer, PortConfig, RecordHeader, name,
     },
     entity::{Guid, GuidPrefix},
     frame::mapped,
@@ -28,6 +28,8 @@ pub(crate) const REMOTE: GuidPrefix = *b"remote------";
 pub(crate) const DOMAIN: u32 = 3;
 pub(crate) const UNICAST_PORT: u16 = 7411;
 pub(crate) const MULTICAST_PORT: u16 = 7401;
+pub(crate) const METATRAFFIC_PORT: u16 = 7410;
+pub(crate) const DOMAIN_ID: u32 = 0;
 pub(crate) const ADDRESS_V4: [u8; 4] = [192, 0, 2, 2];
 pub(crate) const ADDRESS_V6: [u8; 16] = [0x20, 1, 0xd, 0xb8, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 2];
 /// Test runs come in on the loopback interface of the current namespace.
@@ -51,6 +53,7 @@ pub(crate) struct Outcome {
     pub(crate) packet: Vec<u8>,
     pub(crate) counts: Counts,
     pub(crate) records: BTreeMap<u8, Vec<Record>>,
+    pub(crate) news: Vec<Record>,
 }
 
 struct AttachedApp {
@@ -61,6 +64,7 @@ struct AttachedApp {
 /// Programs, maps and apps.
 pub(crate) struct Layer {
     ebpf: Ebpf,
+    news: RingBuf<MapData>,
     apps: BTreeMap<u8, AttachedApp>,
 }
 
@@ -70,31 +74,41 @@ impl Layer {
         let mut ebpf = Ebpf::load(rtps_ebpf::OBJECT).context("the object does not load")?;
         xdp(&mut ebpf)?.load()?;
         filter(&mut ebpf)?.load()?;
+        ingress(&mut ebpf)?.load()?;
+        let news = ebpf.take_map(name::NEWS).context("no ring for news")?;
         let mut layer = Self {
             ebpf,
+            news: RingBuf::try_from(news)?,
             apps: BTreeMap::new(),
         };
         let domain = Domain {
             guid_prefix: OWN,
-            domain_id: 0,
+            domain_id: DOMAIN_ID,
+            count_base_ns: 0,
+            datagram_size: 1_472,
+            metatraffic_port: METATRAFFIC_PORT.into(),
         };
-        Array::<_, Domain>::try_from(layer.map(name::DOMAINS)?)?.set(DOMAIN, domain, 0)?;
+        layer.set(name::DOMAINS, DOMAIN, domain)?;
         layer.own_port(UNICAST_PORT, PORT_UNICAST)?;
         layer.own_port(MULTICAST_PORT, PORT_MULTICAST)?;
-        let mut addresses = HashMap::<_, [u8; 16], u32>::try_from(layer.map(name::ADDRESSES)?)?;
-        addresses.insert(mapped(ADDRESS_V4), 1, 0)?;
-        addresses.insert(ADDRESS_V6, 1, 0)?;
+        layer.own_port(METATRAFFIC_PORT, PORT_METATRAFFIC)?;
+        layer.own_address(mapped(ADDRESS_V4))?;
+        layer.own_address(ADDRESS_V6)?;
         layer.configure(Config {
             abi_version: ABI_VERSION,
             doorbell,
+            ..Config::default()
         })?;
         layer.reset_counters()?;
         Ok(layer)
     }
 
     pub(crate) fn configure(&mut self, config: Config) -> Result<()> {
-        Array::<_, Config>::try_from(self.map(name::CONFIG)?)?.set(0, config, 0)?;
-        Ok(())
+        self.set(name::CONFIG, 0, config)
+    }
+
+    pub(crate) fn own_address(&mut self, address: [u8; 16]) -> Result<()> {
+        self.insert(name::ADDRESSES, address, 1_u32)
     }
 
     fn own_port(&mut self, port: u16, kind: u16) -> Result<()> {
@@ -102,8 +116,7 @@ impl Layer {
             domain_index: DOMAIN as u16,
             kind,
         };
-        HashMap::<_, u16, PortConfig>::try_from(self.map(name::PORTS)?)?.insert(port, config, 0)?;
-        Ok(())
+        self.insert(name::PORTS, port, config)
     }
 
     /// Attaches an app with a ring of `bytes`.
@@ -139,8 +152,7 @@ impl Layer {
     }
 
     pub(crate) fn set_app(&mut self, slot: u8, app: App) -> Result<()> {
-        Array::<_, App>::try_from(self.map(name::APPS)?)?.set(slot.into(), app, 0)?;
-        Ok(())
+        self.set(name::APPS, slot.into(), app)
     }
 
     /// As the app does before it sleeps.
@@ -156,22 +168,42 @@ impl Layer {
 
     pub(crate) fn route(&mut self, writer: Guid, slots: &[u8]) -> Result<()> {
         let slots: SlotSet = slots.iter().copied().collect();
-        HashMap::<_, Guid, SlotSet>::try_from(self.map(name::ROUTES)?)?.insert(writer, slots, 0)?;
-        Ok(())
+        self.insert(name::ROUTES, writer, slots)
     }
 
+    /// A peer that may send from anywhere.
     pub(crate) fn know_peer(&mut self, prefix: GuidPrefix) -> Result<()> {
-        HashMap::<_, GuidPrefix, Peer>::try_from(self.map(name::PEERS)?)?.insert(
-            prefix,
-            Peer::default(),
-            0,
-        )?;
-        Ok(())
+        let peer = Peer {
+            flags: PEER_ANY_ADDRESS,
+            ..Peer::default()
+        };
+        self.insert(name::PEERS, prefix, peer)
     }
 
     pub(crate) fn last_seen_ns(&mut self, prefix: GuidPrefix) -> Result<u64> {
-        let peers = HashMap::<_, GuidPrefix, Peer>::try_from(self.map(name::PEERS)?)?;
-        Ok(peers.get(&prefix, 0)?.last_seen_ns)
+        let peer: Peer = self.get(name::PEERS, prefix)?.context("no such peer")?;
+        Ok(peer.last_seen_ns)
+    }
+
+    /// Writes one entry of a hash.
+    pub(crate) fn insert<K: Pod, V: Pod>(&mut self, map: &str, key: K, value: V) -> Result<()> {
+        HashMap::<_, K, V>::try_from(self.map(map)?)?.insert(key, value, 0)?;
+        Ok(())
+    }
+
+    /// Reads one entry of a hash.
+    pub(crate) fn get<K: Pod, V: Pod>(&mut self, map: &str, key: K) -> Result<Option<V>> {
+        match HashMap::<_, K, V>::try_from(self.map(map)?)?.get(&key, 0) {
+            Ok(value) => Ok(Some(value)),
+            Err(MapError::KeyNotFound) => Ok(None),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Writes one element of an array.
+    pub(crate) fn set<V: Pod>(&mut self, map: &str, index: u32, value: V) -> Result<()> {
+        Array::<_, V>::try_from(self.map(map)?)?.set(index, value, 0)?;
+        Ok(())
     }
 
     /// Shows a frame to the XDP program.
@@ -206,19 +238,48 @@ impl Layer {
         self.outcome(result.return_value, Vec::new())
     }
 
+    /// The same, without a look into the rings; counters go on from where they were.
+    pub(crate) fn run_filter_undrained(&mut self, datagram: &[u8]) -> Result<()> {
+        filter(&mut self.ebpf)?.test_run(TestRunOptions {
+            data_in: Some(datagram),
+            ..TestRunOptions::default()
+        })?;
+        Ok(())
+    }
+
     /// A real socket on loopback with the filter on it.
     pub(crate) fn filtered_socket(&mut self) -> Result<UdpSocket> {
         let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, UNICAST_PORT))?;
         socket.set_nonblocking(true)?;
-        filter(&mut self.ebpf)?.attach(&socket)?;
+        self.attach_filter(&socket)?;
         Ok(socket)
     }
 
-    pub(crate) fn verified_instructions(&mut self) -> Result<[Option<u32>; 2]> {
+    /// Puts the tc program on an interface of the current namespace.
+    pub(crate) fn attach_ingress(&mut self, interface: &str) -> Result<()> {
+        ingress(&mut self.ebpf)?.attach(interface, TcAttachType::Ingress)?;
+        Ok(())
+    }
+
+    /// Puts the filter on a socket.
+    pub(crate) fn attach_filter(&mut self, socket: &UdpSocket) -> Result<()> {
+        filter(&mut self.ebpf)?.attach(socket)?;
+        Ok(())
+    }
+
+    pub(crate) fn verified_instructions(&mut self) -> Result<[Option<u32>; 3]> {
         Ok([
             xdp(&mut self.ebpf)?.info()?.verified_instruction_count(),
+            ingress(&mut self.ebpf)?
+                .info()?
+                .verified_instruction_count(),
             filter(&mut self.ebpf)?.info()?.verified_instruction_count(),
         ])
+    }
+
+    /// What rtpsd has not read yet.
+    pub(crate) fn news(&mut self) -> Vec<Record> {
+        drain(&mut self.news)
     }
 
     /// Everything that the apps have not read yet.
@@ -231,9 +292,14 @@ impl Layer {
     }
 
     pub(crate) fn counts(&mut self) -> Result<Counts> {
+        self.counts_of(LOOPBACK)
+    }
+
+    /// Of an interface.
+    pub(crate) fn counts_of(&mut self, ifindex: u32) -> Result<Counts> {
         let counters =
             PerCpuHashMap::<_, u32, [u64; Counter::COUNT]>::try_from(self.map(name::COUNTERS)?)?;
-        let per_cpu = counters.get(&LOOPBACK, 0)?;
+        let per_cpu = counters.get(&ifindex, 0)?;
         Ok(Counter::ALL
             .iter()
             .map(|&counter| {
@@ -245,9 +311,14 @@ impl Layer {
     }
 
     pub(crate) fn reset_counters(&mut self) -> Result<()> {
+        self.reset_counters_of(LOOPBACK)
+    }
+
+    /// Of an interface, which then has counters of its own.
+    pub(crate) fn reset_counters_of(&mut self, ifindex: u32) -> Result<()> {
         let zero = vec![[0; Counter::COUNT]; aya::util::nr_cpus().map_err(|(_, error)| error)?];
         PerCpuHashMap::<_, u32, [u64; Counter::COUNT]>::try_from(self.map(name::COUNTERS)?)?
-            .insert(LOOPBACK, zero.try_into()?, 0)?;
+            .insert(ifindex, zero.try_into()?, 0)?;
         Ok(())
     }
 
@@ -257,6 +328,7 @@ impl Layer {
             packet,
             counts: self.counts()?,
             records: self.drain(),
+            news: self.news(),
         })
     }
 
@@ -271,6 +343,13 @@ fn xdp(ebpf: &mut Ebpf) -> Result<&mut Xdp> {
     let program = ebpf
         .program_mut(name::XDP_PROGRAM)
         .context("no XDP program")?;
+    Ok(program.try_into()?)
+}
+
+fn ingress(ebpf: &mut Ebpf) -> Result<&mut SchedClassifier> {
+    let program = ebpf
+        .program_mut(name::INGRESS_PROGRAM)
+        .context("no tc program")?;
     Ok(program.try_into()?)
 }
 
@@ -296,7 +375,8 @@ fn parse(record: &[u8]) -> Record {
         message_len: word(0),
         ifindex: word(4),
         domain_index: word(8),
-        hook: half(12),
+        hook: record[12],
+        flags: record[13],
         source_port: half(14),
         source_address: record[16..32].try_into().unwrap(),
         received_ns: u64::from_ne_bytes(record[32..40].try_into().unwrap()),

@@ -1,9 +1,15 @@
 //! Tables of packets and what the kernel programs must make of them.
 //!
 //! `valid` has what is passed or delivered, `hostile` what is dropped, `socket` the filter where it
-//! really sits.
+//! really sits; `discovery` what the kernel does in rtpsd's place, `strangers` who may make it do so,
+//! and `answers` how answers leave. `verifier` is about the programs themselves.
 
+mod answers;
+mod discovery;
 mod hostile;
 mod layer;
 mod socket;
+mod stage;
+mod strangers;
 mod valid;
+mod verifier;

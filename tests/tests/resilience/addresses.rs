@@ -1,10 +1,10 @@
 //! The host gets another address, as it does when it moves to another network.
 
 use anyhow::Result;
+use rtps_tests::layer::Layer;
+use rtps_tests::stage::{Stage, eventually};
+use rtps_tests::stream::{End, RATE, Stream};
 use rtps_tests::{require, skip_unless};
-
-use crate::stage::{Layer, Stage, eventually};
-use crate::stream::{End, RATE, Stream};
 
 #[test]
 fn streams_follow_to_the_new_address() -> Result<()> {

@@ -4,13 +4,13 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
 use nix::sys::signal::Signal;
-use rtps_tests::layer::KernelLayer;
+use rtps_tests::layer::{KernelLayer, Layer};
 use rtps_tests::process::Process;
+use rtps_tests::stage::{PATIENCE, Stage, eventually};
+use rtps_tests::stream::{End, Stream};
 use rtps_tests::{require, skip_unless};
 
 use crate::control_socket::ControlSocket;
-use crate::stage::{Layer, PATIENCE, Stage, eventually};
-use crate::stream::{End, Stream};
 
 /// How soon the remote side must know.
 const WITHDRAWN: Duration = Duration::from_secs(2);

@@ -4,10 +4,10 @@ use std::thread;
 use std::time::Duration;
 
 use anyhow::{Result, ensure};
+use rtps_tests::layer::Layer;
+use rtps_tests::stage::{Stage, eventually};
+use rtps_tests::stream::{End, RATE, Stream};
 use rtps_tests::{require, skip_unless};
-
-use crate::stage::{Layer, Stage, eventually};
-use crate::stream::{End, RATE, Stream};
 
 /// For so long nobody does its work.
 const ABSENCE: Duration = Duration::from_secs(3);

@@ -5,11 +5,10 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Result, ensure};
 use nix::sys::signal::Signal;
-use rtps_tests::layer::KernelLayer;
+use rtps_tests::layer::{KernelLayer, Layer};
+use rtps_tests::stage::Stage;
+use rtps_tests::stream::{End, RATE, Stream};
 use rtps_tests::{require, skip_unless};
-
-use crate::stage::{Layer, Stage};
-use crate::stream::{End, RATE, Stream};
 
 const STOPPED: Duration = Duration::from_secs(3);
 /// The longest pause that a busy machine may put into a stream.

@@ -6,12 +6,13 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
 use nix::unistd::Pid;
+use rtps_tests::layer::Layer;
+use rtps_tests::process::resident;
+use rtps_tests::stage::{Stage, counter};
+use rtps_tests::stream::{End, RATE, Stream};
 use rtps_tests::{require, skip_unless};
 
 use crate::hostile::{self, Hostile};
-use crate::idle::resident;
-use crate::stage::{Layer, Stage, counter};
-use crate::stream::{End, RATE, Stream};
 
 const FLOOD: Duration = Duration::from_secs(3);
 /// Datagrams in one go, and the pause between two: up to 50,000 a second.

@@ -4,8 +4,8 @@ use std::net::Ipv4Addr;
 
 use anyhow::{Result, ensure};
 use rtps_tests::capture::Capture;
-
-use crate::stage::{Layer, PATIENCE, Stage};
+use rtps_tests::layer::Layer;
+use rtps_tests::stage::{PATIENCE, Stage};
 
 /// Where the header of a message has its GUID prefix (RTPS 2.5, 9.4.4).
 const PREFIX: std::ops::Range<usize> = 8..20;

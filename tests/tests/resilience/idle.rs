@@ -5,11 +5,10 @@ use std::thread;
 use std::time::Duration;
 
 use anyhow::{Context, Result, ensure};
-use nix::unistd::Pid;
+use rtps_tests::layer::Layer;
 use rtps_tests::process::Process;
+use rtps_tests::stage::{PATIENCE, Stage, spawn_app};
 use rtps_tests::{require, skip_unless};
-
-use crate::stage::{Layer, PATIENCE, Stage};
 
 const WATCHED: Duration = Duration::from_secs(5);
 /// Two wake-ups a second.
@@ -31,11 +30,14 @@ fn on_the_in_process_layer() -> Result<()> {
 
 /// A reader that has got a sample, and whose writer has gone; on the other host somebody else is idle, too.
 fn stays_asleep(stage: &Stage, layer: Layer) -> Result<()> {
-    let _other = stage.example(&stage.theirs, Layer::InProcess, "hello_subscriber", "")?;
-    let mut app = stage.example(&stage.ours, layer, "hello_subscriber", "")?;
-    stage
-        .example(&stage.theirs, Layer::InProcess, "hello_publisher", "")?
-        .wait_exit(PATIENCE)?;
+    let _other = spawn_app(
+        &stage.theirs.netns,
+        Layer::InProcess,
+        "hello_subscriber",
+        "",
+    )?;
+    let mut app = spawn_app(&stage.ours.netns, layer, "hello_subscriber", "")?;
+    spawn_app(&stage.theirs.netns, Layer::InProcess, "hello_publisher", "")?.wait_exit(PATIENCE)?;
     // Discovery is busy in the beginning, and announces itself more and more rarely.
     thread::sleep(2 * WATCHED);
     let before = wakeups(&app)?;
@@ -59,13 +61,4 @@ fn voluntary_switches(status: &std::path::Path) -> Result<u64> {
     let mut lines = text.lines();
     let number = lines.find_map(|line| line.strip_prefix("voluntary_ctxt_switches:"));
     Ok(number.context("no such line")?.trim().parse()?)
-}
-
-/// Resident memory in bytes.
-pub(crate) fn resident(pid: Pid) -> Result<u64> {
-    let text = fs::read_to_string(format!("/proc/{pid}/status"))?;
-    let mut lines = text.lines();
-    let size = lines.find_map(|line| line.strip_prefix("VmRSS:"));
-    let kilobytes = size.and_then(|size| size.trim().strip_suffix("kB"));
-    Ok(1024 * kilobytes.context("no such line")?.trim().parse::<u64>()?)
 }

@@ -5,15 +5,16 @@ use std::io::ErrorKind;
 use std::thread;
 
 use anyhow::{Context, Result, ensure};
+use rtps_tests::layer::Layer;
 use rtps_tests::netns::Identity;
+use rtps_tests::stage::{Stage, eventually};
+use rtps_tests::stream::{End, RATE, Stream};
 use rtps_tests::{require, skip_unless};
 use rtps_user::layer::protocol::{FromLayer, Resume};
 use rtpsd::{PinFolder, RunFolder};
 
 use crate::control_socket::{BREATH, ControlSocket};
 use crate::hostile::Random;
-use crate::stage::{Layer, Stage, eventually};
-use crate::stream::{End, RATE, Stream};
 
 #[test]
 fn pins_are_closed_to_apps() -> Result<()> {

@@ -1,8 +1,7 @@
 //! What must go on while something else goes wrong: rtpsd stopped or killed, apps killed or stuck, hostile input.
 //!
-//! `stage` has the hosts and programs, `stream` a numbered reliable stream whose every sample is accounted for,
-//! `hostile` the bad messages, `control_socket` an app's end of rtpsd's socket; the rest is one theme a file. Our apps
-//! run as nobody without any capability.
+//! `hostile` has the bad messages, `control_socket` an app's end of rtpsd's socket; the rest is one theme a file. Our
+//! apps run as nobody without any capability.
 
 mod addresses;
 mod app_killed;
@@ -15,6 +14,4 @@ mod idle;
 mod isolation;
 mod many_apps;
 mod slow_app;
-mod stage;
-mod stream;
 mod unload;

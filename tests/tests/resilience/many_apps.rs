@@ -5,9 +5,9 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, ensure};
 use rtps_tests::capture::Capture;
+use rtps_tests::layer::Layer;
+use rtps_tests::stage::{PATIENCE, Stage, eventually};
 use rtps_tests::{require, skip_unless};
-
-use crate::stage::{Layer, PATIENCE, Stage, eventually};
 
 const APPS: usize = 50;
 const SAMPLES: u64 = 100;

@@ -2,10 +2,10 @@
 
 use anyhow::{Result, ensure};
 use nix::sys::signal::Signal;
+use rtps_tests::layer::Layer;
+use rtps_tests::stage::{PATIENCE, Stage, counter, eventually};
+use rtps_tests::stream::{End, RATE, Stream};
 use rtps_tests::{require, skip_unless};
-
-use crate::stage::{Layer, PATIENCE, Stage, counter, eventually};
-use crate::stream::{End, RATE, Stream};
 
 /// Fill the smallest ring with few samples.
 const SIZE: u32 = 4000;

@@ -5,12 +5,12 @@ use std::process::Command;
 use anyhow::{Context, Result, ensure};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
+use rtps_tests::layer::Layer;
 use rtps_tests::netns::Netns;
+use rtps_tests::stage::{Stage, eventually};
+use rtps_tests::stream::{End, Stream};
 use rtps_tests::{binaries, require, skip_unless};
 use rtpsd::{PinFolder, RunFolder, Status};
-
-use crate::stage::{Layer, Stage, eventually};
-use crate::stream::{End, Stream};
 
 /// Has the layer removed even when a test fails.
 struct Guard<'a>(&'a Netns);

@@ -18,8 +18,12 @@ pub(crate) struct Flow {
 }
 
 /// What the table shows of the kernel, and the beginnings of the names of the counters that each is the sum of.
-const KERNEL_SUMS: [(&str, &[&str]); 4] = [
-    ("parsed", &["xdp_messages", "filter_messages"]),
+const KERNEL_SUMS: [(&str, &[&str]); 5] = [
+    (
+        "parsed",
+        &["xdp_messages", "ingress_messages", "filter_messages"],
+    ),
+    ("answered", &["answers"]),
     ("delivered", &["delivered_records"]),
     ("passed", &["pass_"]),
     ("dropped", &["drop_"]),

@@ -3,7 +3,7 @@
 use core::ops::ControlFlow;
 
 use rtps_ebpf::{
-    Counter, SlotSet,
+    Counter,
     abi::{App, SLOTS},
 };
 
@@ -12,7 +12,7 @@ use crate::{
     sys::{Packet, Repeat, repeat},
 };
 
-/// What a hook wants delivered; `scratch` holds the record's header.
+/// What a hook wants delivered; `scratch` holds the record's header and the apps.
 pub(crate) struct Delivery<'a, M> {
     pub(crate) message: &'a M,
     pub(crate) scratch: &'a mut Scratch,
@@ -23,12 +23,11 @@ pub(crate) struct Delivery<'a, M> {
 
 impl<M: Packet> Delivery<'_, M> {
     /// Delivers, and returns the port of the app that the datagram itself has to wake, if any.
-    #[inline(always)]
-    pub(crate) fn run(mut self, targets: &SlotSet) -> Option<u16> {
-        self.scratch.targets = *targets;
+    #[inline(never)]
+    pub(crate) fn run(&mut self) -> Option<u16> {
         self.scratch.delivered = 0;
         self.scratch.doorbell_port = 0;
-        repeat(SLOTS, &mut self);
+        repeat(SLOTS, self);
         if self.scratch.delivered != 0 {
             self.counters.count(Counter::DeliveredMessages);
         }

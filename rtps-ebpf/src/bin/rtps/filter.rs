@@ -1,15 +1,17 @@
-//! Hook 2, the filter on the layer's own UDP sockets: whatever XDP passed, multicast, reassembled
-//! fragments, loopback, and interfaces without XDP.
+//! Hook 3, the filter on the layer's own UDP sockets: whatever the other hooks passed, reassembled
+//! fragments, loopback, and interfaces without XDP or tc.
 
 use rtps_ebpf::{
     Bytes as _, Counter,
-    abi::{HOOK_FILTER, PortConfig, RecordHeader},
-    frame::{Udp, mapped, udp},
+    abi::{DISCOVERY_KERNEL, HOOK_FILTER, RecordHeader},
+    frame::{mapped, udp},
 };
 
 use crate::{
     deliver::Delivery,
-    maps::{self, Counters},
+    exchange::Conversation,
+    ingress::handled,
+    maps::{self, Counters, Lookup, Scratch},
     message::examine,
     sys::{SocketBuffer, now_ns},
 };
@@ -24,7 +26,7 @@ enum Verdict {
     Pass(Counter),
     /// The socket gets it: it concerns rtpsd.
     ToDaemon,
-    /// Only apps got it.
+    /// Apps have it in their rings, and rtpsd in its, as far as it concerns them.
     Delivered,
     /// Nobody gets it. Other sockets of the port have copies of their own.
     Drop(Counter),
@@ -32,81 +34,105 @@ enum Verdict {
 
 #[inline(always)]
 pub(crate) fn handle(buffer: &SocketBuffer) -> i64 {
-    let counters = Counters::of(buffer.ifindex());
     let whole = i64::from(buffer.len());
-    match verdict(buffer, counters) {
-        Verdict::Pass(counter) => {
-            counters.count(counter);
-            whole
-        }
-        Verdict::ToDaemon => {
-            counters.count(Counter::ToDaemon);
-            whole
-        }
-        Verdict::Delivered => 0,
-        Verdict::Drop(counter) => {
-            counters.count(counter);
-            0
-        }
-    }
+    let (counter, len) = match verdict(buffer) {
+        Verdict::Pass(counter) => (counter, whole),
+        Verdict::ToDaemon => (Counter::ToDaemon, whole),
+        Verdict::Drop(counter) => (counter, 0),
+        Verdict::Delivered => return 0,
+    };
+    Counters::of(buffer.ifindex()).count(counter);
+    len
 }
 
 #[inline(always)]
-fn verdict(buffer: &SocketBuffer, counters: Counters) -> Verdict {
-    if maps::config().is_none() {
+fn verdict(buffer: &SocketBuffer) -> Verdict {
+    let Some(scratch) = maps::scratch() else {
         return Verdict::Pass(Counter::PassNotConfigured);
+    };
+    if let Err(counter) = arrive(buffer, scratch) {
+        return Verdict::Pass(counter);
     }
-    let Some(ports) = udp(buffer, 0) else {
-        return Verdict::Pass(Counter::PassBadLengths);
+    match deliver(buffer, scratch) {
+        Ok(true) => converse(buffer, scratch),
+        Ok(false) => Verdict::Delivered,
+        Err(counter) => Verdict::Drop(counter),
+    }
+}
+
+/// Notes the datagram, if it is the layer's; if not, the counter to pass it under.
+#[inline(never)]
+fn arrive(buffer: &SocketBuffer, scratch: &mut Scratch) -> Result<(), Counter> {
+    let config = maps::config().ok_or(Counter::PassNotConfigured)?;
+    let ports = udp(buffer, 0).ok_or(Counter::PassBadLengths)?;
+    let port = maps::port(ports.destination).ok_or(Counter::PassNotOurPort)?;
+    let source_address = source_address(buffer).unwrap_or_default();
+    scratch.lookup = Lookup::new(source_address, config);
+    scratch.header = RecordHeader {
+        message_len: buffer.message().len(),
+        ifindex: buffer.ifindex(),
+        domain_index: port.domain_index.into(),
+        hook: HOOK_FILTER,
+        flags: 0,
+        source_port: ports.source,
+        source_address,
+        received_ns: now_ns(),
     };
-    let Some(port) = maps::port(ports.destination) else {
-        return Verdict::Pass(Counter::PassNotOurPort);
-    };
-    let (Some(domain), Some(scratch)) = (maps::domain(port.domain_index.into()), maps::scratch())
-    else {
-        return Verdict::Pass(Counter::PassNotConfigured);
-    };
-    let message = buffer.message();
-    let now_ns = now_ns();
+    Ok(())
+}
+
+/// Delivers to the apps, and says whether the message concerns built-in endpoints, too; if it concerns
+/// nobody here, the counter to drop it under.
+#[inline(never)]
+fn deliver(buffer: &SocketBuffer, scratch: &mut Scratch) -> Result<bool, Counter> {
+    let counters = Counters::of(buffer.ifindex());
     counters.count(Counter::FilterMessages);
-    let findings = examine(&message, &domain.guid_prefix, now_ns, scratch);
-    counters.count_malformed(findings.malformed);
-    let concerned = match findings.concerned() {
-        Ok(concerned) => concerned,
-        Err(counter) => return Verdict::Drop(counter),
-    };
-    scratch.header = header(buffer, port, ports, message.len(), now_ns);
-    let delivery = Delivery {
+    let domain = maps::domain(scratch.header.domain_index).ok_or(Counter::PassNotConfigured)?;
+    if buffer.mark() == handled(domain) {
+        return Err(Counter::DropHandled);
+    }
+    let message = buffer.message();
+    let built_in = examine(&message, scratch, domain);
+    counters.count_malformed(scratch.malformed);
+    let built_in = built_in?;
+    let mut delivery = Delivery {
         message: &message,
         scratch,
         counters,
         doorbell_by_packet: false,
     };
-    delivery.run(&concerned.targets);
-    if concerned.built_in {
-        Verdict::ToDaemon
-    } else {
-        Verdict::Delivered
-    }
+    delivery.run();
+    Ok(built_in)
 }
 
-#[inline(always)]
-fn header(
-    buffer: &SocketBuffer,
-    port: &PortConfig,
-    ports: Udp,
-    message_len: u32,
-    now_ns: u64,
-) -> RecordHeader {
-    RecordHeader {
-        message_len,
-        ifindex: buffer.ifindex(),
-        domain_index: port.domain_index.into(),
-        hook: HOOK_FILTER,
-        source_port: ports.source,
-        source_address: source_address(buffer).unwrap_or_default(),
-        received_ns: now_ns,
+/// Does what the built-in endpoints would, but for answers, or leaves it to rtpsd.
+#[inline(never)]
+fn converse(buffer: &SocketBuffer, scratch: &mut Scratch) -> Verdict {
+    let (Some(config), Some(domain), Some(exchange)) = (
+        maps::config(),
+        maps::domain(scratch.header.domain_index),
+        maps::exchange(),
+    ) else {
+        return Verdict::ToDaemon;
+    };
+    if config.discovery != DISCOVERY_KERNEL {
+        return Verdict::ToDaemon;
     }
+    if *scratch.walk.sender() == domain.guid_prefix {
+        return Verdict::Drop(Counter::DropOwn);
+    }
+    let message = buffer.message();
+    let mut conversation = Conversation {
+        message: &message,
+        scratch,
+        exchange,
+        domain,
+    };
+    // Nothing can be sent from here: what asks for an answer is news.
+    if conversation.listen(false).is_ok() {
+        conversation.commit();
+    }
+    Verdict::Delivered
 }
 
 #[inline(always)]

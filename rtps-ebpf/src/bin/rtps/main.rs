@@ -1,28 +1,37 @@
-//! The kernel programs: one demultiplexer behind two hooks.
+//! The kernel programs: one demultiplexer behind three hooks.
 //!
-//! `rtps_xdp` takes unicast, unfragmented datagrams that concern apps only. Whatever it passes
-//! reaches the layer's own UDP sockets, where `rtps_filter` delivers to the apps in the same way
-//! and lets into the socket only what concerns rtpsd. So exactly one hook delivers each datagram.
+//! `rtps_xdp` takes unicast, unfragmented datagrams that concern apps only. `rtps_ingress` takes what
+//! concerns the built-in endpoints, and does their work: it remembers, answers, and tells rtpsd the
+//! news. Whatever both pass reaches the layer's own UDP sockets, where `rtps_filter` does the same but
+//! for answers. So exactly one hook delivers each datagram.
 //!
 //! Build with `cargo xtask build-ebpf`.
 #![no_std]
 #![no_main]
+#![feature(core_intrinsics)]
 #![expect(
     unreachable_pub,
     missing_docs,
     reason = "the entries' macros make exported, undocumented functions of them"
 )]
+#![expect(
+    internal_features,
+    reason = "the target has a compare-and-exchange, but `core` no atomic type for it"
+)]
 
 mod deliver;
+mod emit;
+mod exchange;
 mod filter;
+mod ingress;
 mod maps;
 mod message;
 mod sys;
 mod xdp;
 
 use aya_ebpf::{
-    macros::{socket_filter, xdp},
-    programs::{SkBuffContext, XdpContext},
+    macros::{classifier, socket_filter, xdp},
+    programs::{SkBuffContext, TcContext, XdpContext},
 };
 
 /// Hook 1: every frame of an interface.
@@ -31,7 +40,13 @@ pub fn rtps_xdp(context: XdpContext) -> u32 {
     xdp::handle(&sys::Frame::new(&context))
 }
 
-/// Hook 2: every datagram for one of the layer's sockets. Returns how much of it the socket gets.
+/// Hook 2: every frame of an interface that XDP has passed.
+#[classifier]
+pub fn rtps_ingress(context: TcContext) -> i32 {
+    ingress::handle(&sys::LinkBuffer::new(&context))
+}
+
+/// Hook 3: every datagram for one of the layer's sockets. Returns how much of it the socket gets.
 #[socket_filter]
 pub fn rtps_filter(context: SkBuffContext) -> i64 {
     filter::handle(&sys::SocketBuffer::new(&context))

@@ -3,25 +3,29 @@
 use core::ops::ControlFlow;
 
 use rtps_ebpf::{
-    Reason, Step, Walk,
-    entity::GuidPrefix,
-    walk::{Findings, MAX_STEPS},
+    Counter, Reason, Step, Walk,
+    abi::Domain,
+    walk::{Concerned, MAX_STEPS},
 };
 
 use crate::{
-    maps::{self, RouteMap, Scratch},
+    maps::{self, Scratch},
     sys::{Packet, Repeat, repeat},
 };
 
-/// Walks the message, and renews the participant that sent it.
-#[inline(always)]
+/// Walks a message, renews the participant that sent it, and says whether it concerns built-in
+/// endpoints; the scratch space then has the apps. If it concerns nobody, comes back with the counter
+/// to drop it under.
+///
+/// Like the other large steps it is a function of its own, so that not all of them together need
+/// room on the stack.
+#[inline(never)]
 pub(crate) fn examine<M: Packet>(
     message: &M,
-    own: &GuidPrefix,
-    now_ns: u64,
     scratch: &mut Scratch,
-) -> Findings {
-    scratch.walk = Walk::new(*own);
+    domain: &Domain,
+) -> Result<bool, Counter> {
+    scratch.walk = Walk::new(domain.guid_prefix);
     // Assumes the worst until a turn knows better.
     scratch.malformed = Some(Reason::TooManySubmessages);
     repeat(
@@ -31,10 +35,13 @@ pub(crate) fn examine<M: Packet>(
             message,
         },
     );
-    if scratch.malformed.is_none() {
-        maps::renew_peer(scratch.walk.sender(), now_ns);
+    let findings = scratch.walk.findings(scratch.malformed);
+    if findings.malformed.is_none() && !findings.foreign_source {
+        maps::renew(scratch.walk.sender(), scratch.header.received_ns);
     }
-    scratch.walk.findings(scratch.malformed)
+    let Concerned { targets, built_in } = findings.concerned()?;
+    scratch.targets = targets;
+    Ok(built_in)
 }
 
 struct Walking<'a, M> {
@@ -46,7 +53,7 @@ impl<M: Packet> Repeat for Walking<'_, M> {
     #[inline(always)]
     fn turn(&mut self) -> ControlFlow<()> {
         let scratch = &mut *self.scratch;
-        match scratch.walk.step(self.message, &RouteMap) {
+        match scratch.walk.step(self.message, &scratch.lookup) {
             Step::Continue => return ControlFlow::Continue(()),
             Step::Done => scratch.malformed = None,
             Step::Malformed(reason) => scratch.malformed = Some(reason),

@@ -2,15 +2,16 @@
 
 use aya_ebpf::bindings::xdp_action::{XDP_DROP, XDP_PASS};
 use rtps_ebpf::{
-    Bytes as _, Counter,
-    abi::{Config, DOORBELL_PACKET, HOOK_XDP, PORT_UNICAST, PortConfig, RecordHeader},
-    frame::{Datagram, UDP_CHECKSUM, UDP_DESTINATION, UDP_LEN, unicast_datagram},
-    walk::Concerned,
+    Counter,
+    abi::{
+        DISCOVERY_KERNEL, DOORBELL_PACKET, HOOK_XDP, PORT_METATRAFFIC, PORT_MULTICAST, RecordHeader,
+    },
+    frame::{Datagram, UDP_CHECKSUM, UDP_DESTINATION, UDP_LEN, datagram},
 };
 
 use crate::{
     deliver::Delivery,
-    maps::{self, Counters},
+    maps::{self, Counters, Lookup, Scratch},
     message::examine,
     sys::{Frame, now_ns},
 };
@@ -27,26 +28,17 @@ enum Verdict {
     Ring { port: u16 },
 }
 
-/// Everything about a message that both its walk and its delivery need.
-struct Arrival<'a> {
-    frame: &'a Frame,
-    datagram: Datagram,
-    config: &'static Config,
-    port: &'static PortConfig,
-    counters: Counters,
-}
-
 #[inline(always)]
 pub(crate) fn handle(frame: &Frame) -> u32 {
     let counters = Counters::of(frame.ifindex());
-    let arrival = match arrival(frame, counters) {
-        Ok(arrival) => arrival,
-        Err(counter) => {
-            counters.count(counter);
-            return XDP_PASS;
-        }
+    let Some(scratch) = maps::scratch() else {
+        return XDP_PASS;
     };
-    match verdict(&arrival) {
+    let verdict = match arrive(frame, scratch) {
+        Ok(()) => deliver(frame, scratch, counters),
+        Err(counter) => Verdict::Pass(counter),
+    };
+    match verdict {
         Verdict::Pass(counter) => {
             counters.count(counter);
             XDP_PASS
@@ -56,80 +48,72 @@ pub(crate) fn handle(frame: &Frame) -> u32 {
             XDP_DROP
         }
         Verdict::Delivered => XDP_DROP,
-        Verdict::Ring { port } => match redirect(frame, &arrival.datagram, port) {
+        Verdict::Ring { port } => match redirect(frame, &scratch.datagram, port) {
             Ok(()) => XDP_PASS,
             Err(()) => XDP_DROP,
         },
     }
 }
 
-/// Whether the frame is the layer's at all; if not, the counter to pass it under.
-#[inline(always)]
-fn arrival(frame: &Frame, counters: Counters) -> Result<Arrival<'_>, Counter> {
+/// Notes the datagram, if it is the layer's; if not, the counter to pass it under.
+#[inline(never)]
+fn arrive(frame: &Frame, scratch: &mut Scratch) -> Result<(), Counter> {
     let config = maps::config().ok_or(Counter::PassNotConfigured)?;
-    let datagram = unicast_datagram(frame)?;
+    scratch.datagram = datagram(frame)?;
+    let datagram = &scratch.datagram;
+    if datagram.multicast {
+        return Err(Counter::PassMulticast);
+    }
     let port = maps::port(datagram.ports.destination)
-        .filter(|port| port.kind == PORT_UNICAST)
+        .filter(|port| port.kind != PORT_MULTICAST)
         .ok_or(Counter::PassNotOurPort)?;
     if !maps::is_own_address(&datagram.destination) {
         return Err(Counter::PassNotOurAddress);
     }
-    Ok(Arrival {
-        frame,
-        datagram,
-        config,
-        port,
-        counters,
-    })
+    if port.kind == PORT_METATRAFFIC && config.discovery == DISCOVERY_KERNEL {
+        return Err(Counter::PassMetatraffic);
+    }
+    scratch.lookup = Lookup::new(datagram.source, config);
+    scratch.header = RecordHeader {
+        message_len: datagram.ports.len - UDP_LEN,
+        ifindex: frame.ifindex(),
+        domain_index: port.domain_index.into(),
+        hook: HOOK_XDP,
+        flags: 0,
+        source_port: datagram.ports.source,
+        source_address: datagram.source,
+        received_ns: now_ns(),
+    };
+    Ok(())
 }
 
 #[inline(always)]
-fn verdict(arrival: &Arrival<'_>) -> Verdict {
-    let (Some(domain), Some(scratch)) = (
-        maps::domain(arrival.port.domain_index.into()),
-        maps::scratch(),
-    ) else {
+fn deliver(frame: &Frame, scratch: &mut Scratch, counters: Counters) -> Verdict {
+    let (Some(config), Some(domain)) = (maps::config(), maps::domain(scratch.header.domain_index))
+    else {
         return Verdict::Pass(Counter::PassNotConfigured);
     };
-    let Datagram { udp, ports, .. } = arrival.datagram;
-    let message = arrival.frame.message(udp + UDP_LEN, ports.len - UDP_LEN);
-    let now_ns = now_ns();
-    let counters = arrival.counters;
+    let message = frame.message(scratch.datagram.udp + UDP_LEN, scratch.header.message_len);
     counters.count(Counter::XdpMessages);
-    let findings = examine(&message, &domain.guid_prefix, now_ns, scratch);
-    let concerned = findings.concerned();
-    if let Ok(Concerned { built_in: true, .. }) = concerned {
-        // The socket filter sees it next and counts the rest.
+    let built_in = examine(&message, scratch, domain);
+    if built_in == Ok(true) {
+        // The next hook sees it, and counts the rest.
         return Verdict::Pass(Counter::PassBuiltIn);
     }
-    counters.count_malformed(findings.malformed);
-    let targets = match concerned {
-        Ok(Concerned { targets, .. }) => targets,
-        Err(counter) => return Verdict::Drop(counter),
-    };
-    scratch.header = header(arrival, message.len(), now_ns);
-    let delivery = Delivery {
+    counters.count_malformed(scratch.malformed);
+    if let Err(counter) = built_in {
+        return Verdict::Drop(counter);
+    }
+    let doorbell_by_packet = config.doorbell == DOORBELL_PACKET && scratch.datagram.ipv4;
+    let mut delivery = Delivery {
         message: &message,
         scratch,
         counters,
-        doorbell_by_packet: arrival.config.doorbell == DOORBELL_PACKET && arrival.datagram.ipv4,
+        doorbell_by_packet,
     };
-    match delivery.run(&targets) {
+    match delivery.run() {
         Some(port) => Verdict::Ring { port },
         None => Verdict::Delivered,
-    }
-}
-
-#[inline(always)]
-fn header(arrival: &Arrival<'_>, message_len: u32, now_ns: u64) -> RecordHeader {
-    RecordHeader {
-        message_len,
-        ifindex: arrival.frame.ifindex(),
-        domain_index: arrival.port.domain_index.into(),
-        hook: HOOK_XDP,
-        source_port: arrival.datagram.ports.source,
-        source_address: arrival.datagram.source,
-        received_ns: now_ns,
     }
 }
 

@@ -1,32 +1,42 @@
-//! The interfaces that the in-process layer uses: all that are up and have an IPv4 address.
+//! The interfaces that the in-process layer uses: all that are up and have an address, as of now.
 
 use std::collections::BTreeMap;
-use std::io;
-use std::net::Ipv4Addr;
+use std::net::IpAddr;
+use std::{fs, io};
 
 use nix::ifaddrs::getifaddrs;
 use nix::net::if_::{InterfaceFlags, if_nametoindex};
+use rtps_user::ipv6;
 
 use crate::sys::udp;
 
 /// Names of the interfaces to use, separated by commas; all that are up where it is not set.
 const CHOICE_VARIABLE: &str = "RTPS_INTERFACES";
-/// IP and UDP headers.
-const HEADERS: u32 = 28;
 /// What fits where the MTU is not known.
 const ETHERNET_MTU: u32 = 1500;
+/// The kernel's table of IPv6 addresses of the calling thread's network namespace; there is none without IPv6.
+const IPV6_ADDRESSES: &str = "/proc/thread-self/net/if_inet6";
 
 /// An interface.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub(super) struct Interface {
     /// Its number.
     pub(super) index: u32,
-    /// Its addresses.
-    pub(super) addresses: Vec<Ipv4Addr>,
+    /// Its addresses that others are told of, IPv4 first.
+    pub(super) addresses: Vec<IpAddr>,
     /// Whether it is `lo`.
     pub(super) is_loopback: bool,
     /// The largest IP packet that it takes.
     pub(super) mtu: u32,
+}
+
+impl Interface {
+    /// The address that datagrams to a group come from; `None` where the interface has none of the family.
+    pub(super) fn source(&self, group: IpAddr) -> Option<IpAddr> {
+        let mut addresses = self.addresses.iter();
+        let is_same_family = |ip: &&IpAddr| ip.is_ipv6() == group.is_ipv6();
+        addresses.find(is_same_family).copied()
+    }
 }
 
 /// The interfaces that are up and that the environment does not exclude.
@@ -39,37 +49,41 @@ fn up_among(choice: Option<&str>) -> io::Result<Vec<Interface>> {
     let wanted =
         |name: &str| choice.is_none_or(|names| names.split(',').any(|one| one.trim() == name));
     let mut interfaces: BTreeMap<String, Interface> = BTreeMap::new();
+    // Every interface has an entry without IP address.
     for entry in getifaddrs()?.filter(|entry| wanted(&entry.interface_name)) {
-        let address = entry
-            .address
-            .as_ref()
-            .and_then(|address| address.as_sockaddr_in());
-        let (Some(address), true) = (address, entry.flags.contains(InterfaceFlags::IFF_UP)) else {
-            continue;
-        };
         // An interface may vanish meanwhile.
-        let Ok(index) = if_nametoindex(entry.interface_name.as_str()) else {
+        let (Ok(index), true) = (
+            if_nametoindex(entry.interface_name.as_str()),
+            entry.flags.contains(InterfaceFlags::IFF_UP),
+        ) else {
             continue;
         };
-        let mtu = udp::interface_mtu(&entry.interface_name).unwrap_or(ETHERNET_MTU);
         let interface = interfaces
             .entry(entry.interface_name)
-            .or_insert_with(|| Interface {
+            .or_insert_with_key(|name| Interface {
                 index,
                 addresses: Vec::new(),
                 is_loopback: entry.flags.contains(InterfaceFlags::IFF_LOOPBACK),
-                mtu,
+                mtu: udp::interface_mtu(name).unwrap_or(ETHERNET_MTU),
             });
-        interface.addresses.push(address.ip());
+        let address = entry.address.as_ref();
+        let v4 = address.and_then(|address| address.as_sockaddr_in());
+        interface.addresses.extend(v4.map(|v4| IpAddr::V4(v4.ip())));
     }
+    let table = fs::read_to_string(IPV6_ADDRESSES).unwrap_or_default();
+    for (name, interface) in &mut interfaces {
+        let v6 = ipv6::read_table(&table).filter(|address| address.name == *name);
+        interface.addresses = ipv6::announced(interface.addresses.drain(..), v6);
+    }
+    interfaces.retain(|_, interface| !interface.addresses.is_empty());
     Ok(interfaces.into_values().collect())
 }
 
-/// The most bytes of UDP payload that no interface has to fragment.
-pub(super) fn datagram_size(smallest_mtu: Option<u32>) -> u16 {
-    // The loopback interface's MTU leaves UDP's own limit as the smaller one.
-    let mtu = smallest_mtu.unwrap_or(ETHERNET_MTU).clamp(576, 65_535);
-    (mtu - HEADERS) as u16
+/// The most bytes of UDP payload that no interface has to fragment, whichever family carries it.
+pub(super) fn datagram_size(interfaces: &[Interface]) -> u16 {
+    let mtu = interfaces.iter().map(|interface| interface.mtu).min();
+    let mtu = u16::try_from(mtu.unwrap_or(ETHERNET_MTU)).unwrap_or(u16::MAX);
+    mtu.max(576) - ipv6::HEADERS
 }
 
 #[cfg(test)]
@@ -84,7 +98,7 @@ mod tests {
             println!("skipped: this network namespace has no loopback interface that is up");
             return;
         };
-        assert!(loopback.addresses.contains(&Ipv4Addr::LOCALHOST));
+        assert!(loopback.addresses.contains(&IpAddr::from([127, 0, 0, 1])));
         assert!(loopback.index > 0);
         let chosen = up_among(Some("nosuch0, lo")).unwrap();
         assert_eq!(chosen, std::slice::from_ref(loopback));
@@ -93,9 +107,15 @@ mod tests {
 
     #[test]
     fn datagrams_fit_the_smallest_interface() {
-        assert_eq!(datagram_size(Some(1500)), 1472);
-        assert_eq!(datagram_size(Some(65_536)), 65_507);
-        assert_eq!(datagram_size(Some(68)), 548);
-        assert_eq!(datagram_size(None), 1472);
+        let of = |mtu| Interface {
+            index: 2,
+            addresses: Vec::new(),
+            is_loopback: false,
+            mtu,
+        };
+        assert_eq!(datagram_size(&[of(9000), of(1500)]), 1452);
+        assert_eq!(datagram_size(&[of(65_536)]), 65_487);
+        assert_eq!(datagram_size(&[of(68)]), 528);
+        assert_eq!(datagram_size(&[]), 1452);
     }
 }

@@ -3,33 +3,35 @@
 //! No privileges, no daemon. Samples take the user socket and go to the app's endpoints; everything else is for the
 //! layer's discovery, which runs whenever the driver does.
 
+mod address_watch;
 mod interfaces;
 mod sockets;
+mod static_peers;
 
 use std::collections::VecDeque;
 use std::io;
-use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4};
+use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
+use std::os::fd::AsFd;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use rtps_ebpf::SlotSet;
-use rtps_user::Transmit;
 use rtps_user::layer::protocol::{FromLayer, Hello, LAYER_PROTOCOL_VERSION, ToLayer};
 use rtps_user::layer::{Layer, LayerConfig, LayerOutput};
 use rtps_user::wire::GuidPrefix;
+use rtps_user::{Transmit, ipv6};
 use thiserror::Error;
 
+use self::address_watch::AddressWatch;
 use self::interfaces::Interface;
-use self::sockets::Sockets;
+use self::sockets::{Kind, Sockets};
 use super::{FIRST, Identity, LayerKind, Link, Settings, Sink, log_send_error};
-use crate::sys::{Epoll, Wakeups, random_bytes, udp};
+use crate::sys::{Epoll, Interest, Wakeups, random_bytes, udp};
 
-const USER: u8 = FIRST;
-const METATRAFFIC: u8 = FIRST + 1;
-const MULTICAST: u8 = FIRST + 2;
+/// Three sockets for each family.
+const SOCKETS: u8 = FIRST;
+const ADDRESSES: u8 = SOCKETS + 6;
 
-/// The group of SPDP (RTPS 2.5 section 9.6.2.4.1).
-const GROUP: Ipv4Addr = Ipv4Addr::new(239, 255, 0, 1);
 /// The largest UDP datagram.
 const DATAGRAM_MAX: usize = 65_536;
 /// A participant's traffic is reported to the layer at most this often.
@@ -58,6 +60,8 @@ pub(crate) struct InProcessLink {
     layer: Layer,
     sockets: Sockets,
     interfaces: Vec<Interface>,
+    /// `None` where the system does not allow to watch.
+    watch: Option<AddressWatch>,
     inbox: VecDeque<FromLayer>,
     incoming: Vec<u8>,
     outgoing: Vec<u8>,
@@ -68,9 +72,11 @@ impl InProcessLink {
     /// Opens sockets on the ports of the first free participant id and starts the layer.
     pub(super) fn open(settings: &Settings, epoll: &Arc<Epoll>) -> Result<Self, InProcessError> {
         let now = Instant::now();
+        // Before the first look, so that no change is missed.
+        let watch = watch_addresses(epoll);
         let interfaces = interfaces::chosen()?;
         let sockets = Sockets::open(settings.domain, &interfaces)?;
-        sockets.register(epoll, [USER, METATRAFFIC, MULTICAST])?;
+        sockets.register(epoll, SOCKETS)?;
         let config = layer_config(settings, &sockets, &interfaces)?;
         let mut layer = Layer::new(config, now);
         let hello = Hello {
@@ -93,6 +99,7 @@ impl InProcessLink {
             layer,
             sockets,
             interfaces,
+            watch,
             inbox: VecDeque::new(),
             incoming: vec![0; DATAGRAM_MAX],
             outgoing: Vec::new(),
@@ -116,44 +123,77 @@ impl InProcessLink {
 
     fn send_metatraffic(&self, transmit: &Transmit) {
         for destination in transmit.destinations.iter() {
-            match destination {
-                SocketAddr::V4(group) if group.ip().is_multicast() => self.send_to_group(*group),
-                SocketAddr::V4(_) => {
-                    let socket = &self.sockets.metatraffic;
-                    if let Err(error) = socket.send_to(&self.outgoing, destination) {
-                        log_send_error(*destination, self.outgoing.len(), &error);
-                    }
-                }
-                // The sockets are IPv4 ones.
-                SocketAddr::V6(_) => {}
+            let Some(sockets) = self.sockets.of(*destination) else {
+                continue;
+            };
+            let socket = &sockets.metatraffic;
+            if destination.ip().is_multicast() {
+                self.send_to_group(socket, *destination);
+            } else if let Err(error) = socket.send_to(&self.outgoing, ipv6::to_socket(*destination))
+            {
+                log_send_error(*destination, self.outgoing.len(), &error);
             }
         }
     }
 
     /// Sends to a group on every interface: which of them leads to others nobody knows.
-    fn send_to_group(&self, group: SocketAddrV4) {
-        let socket = &self.sockets.metatraffic;
+    fn send_to_group(&self, socket: &UdpSocket, group: SocketAddr) {
         for interface in &self.interfaces {
-            let Some(source) = interface.addresses.first() else {
+            let Some(source) = interface.source(group.ip()) else {
                 continue;
             };
-            let from = (interface.index, *source);
+            let from = (interface.index, ipv6::without_interface(source));
             if let Err(error) = udp::send_multicast(socket, from, group, &self.outgoing) {
-                log_send_error(group.into(), self.outgoing.len(), &error);
+                log_send_error(group, self.outgoing.len(), &error);
             }
         }
     }
 
-    fn receive_user(&mut self, now: Instant, sink: &mut Sink<'_>) {
-        match udp::receive_now(&self.sockets.user, &mut self.incoming) {
-            Ok((len, source)) => {
-                let datagram = self.incoming.get(..len).unwrap_or_default();
-                self.note_traffic(now, source_prefix(datagram));
-                let datagram = self.incoming.get(..len).unwrap_or_default();
-                sink(source, datagram);
-            }
-            Err(error) => log_receive_error(&error),
+    /// Addresses or interfaces of this network namespace changed.
+    fn refresh_interfaces(&mut self, now: Instant) {
+        if let Some(watch) = &self.watch {
+            watch.drain();
         }
+        match interfaces::chosen() {
+            Ok(interfaces) if interfaces != self.interfaces => {
+                self.sockets.join(&interfaces);
+                let metatraffic = locators(&interfaces, self.sockets.metatraffic_port);
+                let user = locators(&interfaces, self.sockets.user_port);
+                self.interfaces = interfaces;
+                self.layer.set_addresses(now, metatraffic, user);
+                self.pump(now);
+            }
+            Ok(_) => {}
+            Err(error) => tracing::warn!(%error, "the interfaces cannot be listed"),
+        }
+    }
+
+    /// One datagram of a socket, by its place in the order in which they are watched.
+    fn receive_from(&mut self, now: Instant, socket: usize, sink: &mut Sink<'_>) {
+        let Some((kind, socket)) = self.sockets.all().nth(socket) else {
+            return;
+        };
+        match (udp::receive_now(socket, &mut self.incoming), kind) {
+            (Ok((len, source)), Kind::User) => self.take_user(now, len, source, sink),
+            (Ok((len, source)), Kind::Metatraffic) => self.take_metatraffic(now, len, source),
+            (Err(error), _) => log_receive_error(&error),
+        }
+    }
+
+    fn take_user(&mut self, now: Instant, len: usize, source: SocketAddr, sink: &mut Sink<'_>) {
+        let datagram = self.incoming.get(..len).unwrap_or_default();
+        self.note_traffic(now, source_prefix(datagram));
+        let datagram = self.incoming.get(..len).unwrap_or_default();
+        sink(ipv6::from_socket(source), datagram);
+    }
+
+    fn take_metatraffic(&mut self, now: Instant, len: usize, source: SocketAddr) {
+        let datagram = self.incoming.get(..len).unwrap_or_default();
+        let source = ipv6::from_socket(source);
+        if let Err(error) = self.layer.handle_datagram(now, source, datagram) {
+            tracing::debug!(%source, len, %error, "discovery datagram refused");
+        }
+        self.pump(now);
     }
 
     /// Samples are a sign of life, too.
@@ -164,23 +204,6 @@ impl InProcessLink {
         if self.seen.0 != participant || now.saturating_duration_since(self.seen.1) > SEEN_PERIOD {
             self.seen = (participant, now);
             self.layer.seen(now, participant);
-        }
-    }
-
-    fn receive_metatraffic(&mut self, now: Instant, number: u8) {
-        let socket = match number {
-            METATRAFFIC => &self.sockets.metatraffic,
-            _ => &self.sockets.multicast,
-        };
-        match udp::receive_now(socket, &mut self.incoming) {
-            Ok((len, source)) => {
-                let datagram = self.incoming.get(..len).unwrap_or_default();
-                if let Err(error) = self.layer.handle_datagram(now, source, datagram) {
-                    tracing::debug!(%source, len, %error, "discovery datagram refused");
-                }
-                self.pump(now);
-            }
-            Err(error) => log_receive_error(&error),
         }
     }
 }
@@ -204,8 +227,12 @@ impl Link for InProcessLink {
     }
 
     fn send(&mut self, transmit: &Transmit, datagram: &[u8]) {
-        for destination in transmit.destinations.iter().filter(|to| to.is_ipv4()) {
-            if let Err(error) = self.sockets.user.send_to(datagram, destination) {
+        for destination in transmit.destinations.iter() {
+            if let Some(sockets) = self.sockets.of(*destination)
+                && let Err(error) = sockets
+                    .user
+                    .send_to(datagram, ipv6::to_socket(*destination))
+            {
                 log_send_error(*destination, datagram.len(), &error);
             }
         }
@@ -213,13 +240,13 @@ impl Link for InProcessLink {
 
     /// One datagram of each readable socket: reading until there is none would cost one more system call a sample.
     fn receive(&mut self, now: Instant, wakeups: Wakeups, sink: &mut Sink<'_>) {
-        if wakeups.contains(USER) {
-            self.receive_user(now, sink);
-        }
-        for number in [METATRAFFIC, MULTICAST] {
+        for (number, socket) in (SOCKETS..ADDRESSES).zip(0..) {
             if wakeups.contains(number) {
-                self.receive_metatraffic(now, number);
+                self.receive_from(now, socket, sink);
             }
+        }
+        if wakeups.contains(ADDRESSES) {
+            self.refresh_interfaces(now);
         }
     }
 
@@ -254,32 +281,44 @@ fn layer_config(
     interfaces: &[Interface],
 ) -> io::Result<LayerConfig> {
     let (metatraffic, user) = (sockets.metatraffic_port, sockets.user_port);
-    // Only where there is nothing else, others of this host are told to use the loopback interface.
-    let is_alone = interfaces.iter().all(|interface| interface.is_loopback);
-    let addresses = || {
-        let announced = interfaces
-            .iter()
-            .filter(|interface| is_alone || !interface.is_loopback);
-        announced.flat_map(|interface| &interface.addresses)
-    };
-    let at = |port| {
-        addresses()
-            .map(|ip| SocketAddr::from((*ip, port)))
-            .collect()
-    };
-    let mtu = interfaces.iter().map(|interface| interface.mtu).min();
     let mut config = LayerConfig::new(
         GuidPrefix(guid_prefix()?),
         settings.domain,
         (Ipv4Addr::LOCALHOST, user).into(),
     );
     config.name.clone_from(&settings.name);
-    config.metatraffic = at(metatraffic);
-    config.user = at(user);
+    config.metatraffic = locators(interfaces, metatraffic);
+    config.user = locators(interfaces, user);
     config.peers.clone_from(&settings.peers);
-    config.multicast = Some((GROUP, sockets::multicast_port(settings.domain)).into());
-    config.datagram_size = interfaces::datagram_size(mtu);
+    config
+        .peers
+        .extend(static_peers::from_environment(settings.domain));
+    config.multicast = sockets.groups();
+    config.datagram_size = interfaces::datagram_size(interfaces);
     Ok(config)
+}
+
+/// Where a port is reached by others.
+fn locators(interfaces: &[Interface], port: u16) -> Vec<SocketAddr> {
+    // Only where there is nothing else, others of this host are told to use the loopback interface.
+    let is_alone = interfaces.iter().all(|interface| interface.is_loopback);
+    let announced = interfaces
+        .iter()
+        .filter(|interface| is_alone || !interface.is_loopback);
+    ipv6::locators(
+        announced.map(|interface| interface.addresses.as_slice()),
+        port,
+    )
+}
+
+/// Without it, addresses stay as they are now.
+fn watch_addresses(epoll: &Epoll) -> Option<AddressWatch> {
+    let watch = AddressWatch::new().and_then(|watch| {
+        epoll.add(watch.as_fd(), ADDRESSES, Interest::Level)?;
+        Ok(watch)
+    });
+    let log = |error: &io::Error| tracing::info!(%error, "changed addresses go unnoticed");
+    watch.inspect_err(log).ok()
 }
 
 /// Begins with the vendor's number as RTPS 2.5 section 9.3.1.5 wants it; the rest is random.

@@ -1,12 +1,13 @@
 //! The kernel layer's link: an own ring that BPF programs fill, an own UDP socket that sends and is the doorbell,
-//! and the Unix socket to rtpsd, which may come and go without a sample lost.
+//! another one to send over IPv6, and the Unix socket to rtpsd, which may come and go without a sample lost.
 
 mod control;
 mod doorbell;
+mod outlet;
 mod record;
 
 use std::io;
-use std::net::UdpSocket;
+use std::net::{SocketAddr, UdpSocket};
 use std::os::fd::{AsFd, OwnedFd};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -20,6 +21,7 @@ use thiserror::Error;
 
 use self::control::{Control, ControlEvent};
 use self::doorbell::Doorbell;
+use self::outlet::Outlet;
 use super::{FIRST, Identity, LayerKind, Link, Settings, Sink, log_send_error};
 use crate::sys::{Bell, Epoll, Interest, RingConsumer, Wakeups};
 
@@ -65,6 +67,8 @@ pub(crate) struct KernelLink {
     ring: RingConsumer,
     bell: Bell,
     doorbell: Doorbell,
+    /// To IPv6 destinations.
+    outlet: Outlet,
     control: Control,
     epoll: Arc<Epoll>,
     is_lost: bool,
@@ -95,6 +99,7 @@ impl KernelLink {
             ring,
             bell,
             doorbell: Doorbell::new(socket),
+            outlet: Outlet::default(),
             control,
             epoll: Arc::clone(epoll),
             is_lost: false,
@@ -158,9 +163,12 @@ impl Link for KernelLink {
         if self.is_lost {
             return;
         }
-        // The socket is an IPv4 one.
-        for destination in transmit.destinations.iter().filter(|to| to.is_ipv4()) {
-            if let Err(error) = self.doorbell.socket().send_to(datagram, destination) {
+        for destination in transmit.destinations.iter() {
+            let sent = match destination {
+                SocketAddr::V4(_) => self.doorbell.socket().send_to(datagram, destination),
+                SocketAddr::V6(_) => self.outlet.send_to(datagram, *destination),
+            };
+            if let Err(error) = sent {
                 log_send_error(*destination, datagram.len(), &error);
             }
         }

@@ -4,6 +4,7 @@ use std::mem::offset_of;
 use std::net::{Ipv6Addr, SocketAddr};
 
 use rtps_ebpf::abi::RecordHeader;
+use rtps_user::ipv6;
 
 /// Where a message came from, and the message.
 pub(super) fn parse(record: &[u8]) -> Option<(SocketAddr, &[u8])> {
@@ -12,7 +13,8 @@ pub(super) fn parse(record: &[u8]) -> Option<(SocketAddr, &[u8])> {
     let port = u16::from_ne_bytes(field(header, offset_of!(RecordHeader, source_port))?);
     let address: [u8; 16] = field(header, offset_of!(RecordHeader, source_address))?;
     let message = record.get(header.len()..)?.get(..len as usize)?;
-    let ip = Ipv6Addr::from(address).to_canonical();
+    let interface = u32::from_ne_bytes(field(header, offset_of!(RecordHeader, ifindex))?);
+    let ip = ipv6::with_interface(Ipv6Addr::from(address).to_canonical(), interface);
     Some((SocketAddr::new(ip, port), message))
 }
 
@@ -40,6 +42,15 @@ mod tests {
         let (source, message) = parse(&record).unwrap();
         assert_eq!(source, "10.0.0.1:7411".parse().unwrap());
         assert_eq!(message, b"RTPS");
+    }
+
+    #[test]
+    fn link_local_sources_have_an_interface() {
+        let mut record = record(0, b"");
+        record[4..8].copy_from_slice(&3u32.to_ne_bytes());
+        record[16..32].copy_from_slice(&"fe80::1".parse::<Ipv6Addr>().unwrap().octets());
+        let (source, _) = parse(&record).unwrap();
+        assert_eq!(source, "[fe80:0:0:3::1]:7411".parse().unwrap());
     }
 
     #[test]

@@ -10,6 +10,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use aya::programs::{SchedClassifier, TcAttachType};
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sched::{CloneFlags, setns};
 use nix::sys::signal::{Signal, kill};
@@ -96,6 +97,13 @@ impl Netns {
         self.ip("link show").contains("xdp")
     }
 
+    /// How many tc programs veth0 has on ingress.
+    pub(crate) fn classifiers(&self) -> usize {
+        let ingress = TcAttachType::Ingress;
+        let query = || SchedClassifier::query_tcx("veth0", ingress).unwrap();
+        self.within(|| query().1.len())
+    }
+
     pub(crate) fn pins(&self) -> PathBuf {
         PinFolder::of_namespace(self.inode).path().to_owned()
     }
@@ -106,7 +114,7 @@ impl Netns {
 
     /// Whether no trace of the layer is left. A link without pin is freed a moment later.
     pub(crate) fn is_clean(&self) -> bool {
-        wait_until(|| !self.has_xdp())
+        wait_until(|| !self.has_xdp() && self.classifiers() == 0)
             && !self.pins().exists()
             && !self.run_folder().layer_socket().parent().unwrap().exists()
     }

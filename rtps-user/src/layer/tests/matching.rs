@@ -28,7 +28,7 @@ fn endpoints_of_two_hosts_match() {
     assert_eq!(remote.qos, reliable());
     assert_eq!(matches(&net.replies(1)), [writer]);
     assert!(net.hosts[1].routes[&writer].contains(1));
-    assert_eq!(net.hosts[1].peers, [prefix(1)]);
+    assert_eq!(net.hosts[1].peers, [prefix(1)].into());
 }
 
 #[test]
@@ -50,7 +50,7 @@ fn one_side_that_knows_the_other_is_enough_without_multicast() {
     let mut net = Net::new(0);
     for number in 1..=2 {
         let mut config = config(number);
-        config.multicast = None;
+        config.multicast.clear();
         if number == 1 {
             config.peers = vec![([10, 0, 0, 2], 7410).into()];
         }

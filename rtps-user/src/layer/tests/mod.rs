@@ -1,6 +1,9 @@
 //! Layers that discover each other in virtual time.
 
+mod equality;
 mod hostile;
+mod kernel;
+mod low_level;
 mod matching;
 mod presence;
 mod restart;

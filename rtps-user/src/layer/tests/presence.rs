@@ -23,7 +23,7 @@ fn a_leaving_host_is_forgotten_at_once_and_a_silent_one_after_its_lease() {
             net.run(10 * SECOND);
         }
         assert_eq!(net.replies(1), [unmatched(reader, writer)]);
-        assert_eq!(net.hosts[1].peers, []);
+        assert!(net.hosts[1].peers.is_empty());
         assert!(net.hosts[1].layer.status().participants.is_empty());
         let is_of_others = |key: &&StoreKey| key.0[0] > 4;
         let kept = net.hosts[1].store.keys().filter(is_of_others);

@@ -7,7 +7,7 @@ use crate::layer::protocol::ToLayer;
 /// Starts the first host's layer anew.
 fn restart(net: &mut Net) {
     let mut next = config(1);
-    next.incarnation = 1;
+    next.count_age = 60 * SECOND;
     net.restart(0, next);
 }
 

@@ -298,3 +298,32 @@ fn what_is_held_of_an_unmatched_writer_is_lost() {
     assert_eq!(bench.taken()[0], 1);
     assert_eq!(bench.reader.poll_timeout(), None);
 }
+
+#[test]
+fn what_is_dealt_with_elsewhere_is_skipped() {
+    let mut bench = Bench::new(transient_local(), transient_local());
+    bench.answers();
+    bench.data(3);
+    bench.reader.skip_to(bench.writer, SequenceNumber(3));
+    assert_eq!(bench.taken(), [3], "it was held");
+    bench.reader.skip_to(bench.writer, SequenceNumber(2));
+    assert_eq!(bench.reader.progress(bench.writer), Some(SequenceNumber(4)));
+    bench.heartbeat(1, 5);
+    let answer = Answer::AckNack(4, vec![4, 5], 2, false);
+    assert_eq!(bench.answers(), [answer]);
+}
+
+#[test]
+fn greetings_end_after_as_many_as_are_wanted() {
+    let mut config = ReaderConfig::new(reader_guid(), transient_local());
+    config.timing.max_greetings = 2;
+    let mut bench = Bench::unmatched(config);
+    let writer = remote(bench.writer, transient_local());
+    bench.reader.match_writer(bench.now, &writer);
+    let mut greetings = 0;
+    for _ in 0..100 {
+        greetings += bench.answers().len();
+        bench.wait(50);
+    }
+    assert_eq!(greetings, 2);
+}

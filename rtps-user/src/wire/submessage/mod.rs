@@ -20,7 +20,7 @@ pub use heartbeat_frag::HeartbeatFrag;
 pub use inline_qos::{InlineQos, KeyHash, StatusInfo};
 pub use nack_frag::NackFrag;
 
-use super::{Cursor, Endianness, GuidPrefix, Timestamp, WireError};
+use super::{Cursor, Endianness, EntityId, GuidPrefix, Timestamp, WireError};
 
 /// SubmessageKind (RTPS 9.4.5.1.1).
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
@@ -84,6 +84,23 @@ pub enum Submessage<'a> {
 }
 
 impl<'a> Submessage<'a> {
+    /// The endpoint that it comes from, where it comes from one.
+    pub fn sender(&self) -> Option<EntityId> {
+        match self {
+            Self::AckNack(acknack) => Some(acknack.reader),
+            Self::Data(data) => Some(data.writer),
+            Self::DataFrag(data) => Some(data.writer),
+            Self::Gap(gap) => Some(gap.writer),
+            Self::Heartbeat(heartbeat) => Some(heartbeat.writer),
+            Self::HeartbeatFrag(heartbeat) => Some(heartbeat.writer),
+            Self::NackFrag(nack) => Some(nack.reader),
+            Self::InfoDestination(_)
+            | Self::InfoSource(_)
+            | Self::InfoTimestamp(_)
+            | Self::Skipped(_) => None,
+        }
+    }
+
     pub(super) fn decode(
         kind: SubmessageKind,
         flags: u8,

@@ -2,17 +2,17 @@
 
 use std::time::{Duration, Instant};
 
+use crate::layer::Layer;
+use crate::process::Process;
+use crate::stage::{PATIENCE, Stage};
 use anyhow::{Context, Result, ensure};
-use rtps_tests::process::Process;
-
-use crate::stage::{Layer, PATIENCE, Stage};
 
 /// Samples a second.
-pub(crate) const RATE: u64 = 1000;
+pub const RATE: u64 = 1000;
 
 /// Where an end of a stream is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum End {
+pub enum End {
     /// An app of ours on our host.
     Ours(Layer),
     /// An app of ours on the other host, on its kernel layer.
@@ -32,20 +32,18 @@ impl End {
 }
 
 /// A running stream; its writer writes `RATE` samples a second, and some of Cyclone's more slowly.
-pub(crate) struct Stream {
+pub struct Stream {
     count: u64,
     publisher: Process,
     subscriber: Process,
 }
 
 impl Stream {
-    /// Starts both ends.
-    pub(crate) fn start(
-        stage: &Stage,
-        topic: &str,
-        (from, to): (End, End),
-        count: u64,
-    ) -> Result<Self> {
+    /// Starts both ends; `count` samples will be written.
+    ///
+    /// # Errors
+    /// When an end cannot be started.
+    pub fn start(stage: &Stage, topic: &str, (from, to): (End, End), count: u64) -> Result<Self> {
         // Transient-local: the publisher may see the match before the subscriber does.
         let timeout = count / RATE + 2 * PATIENCE.as_secs();
         let common = format!(
@@ -62,7 +60,10 @@ impl Stream {
     }
 
     /// Waits until sample `number` has arrived.
-    pub(crate) fn wait_for(&mut self, number: u64) -> Result<()> {
+    ///
+    /// # Errors
+    /// When it does not, with the output of both ends.
+    pub fn wait_for(&mut self, number: u64) -> Result<()> {
         let is_there = |event: &serde_json::Value| {
             event["event"] == "sample" && event["x"].as_u64() >= Some(number)
         };
@@ -73,23 +74,31 @@ impl Stream {
     }
 
     /// The number of the last sample that has arrived.
-    pub(crate) fn position(&self) -> u64 {
+    #[must_use]
+    pub fn position(&self) -> u64 {
         let events = self.subscriber.events();
         let mut samples = events.iter().rev().filter_map(|event| event["x"].as_u64());
         samples.next().unwrap_or(0)
     }
 
-    pub(crate) fn publisher(&self) -> &Process {
+    /// The end that writes.
+    #[must_use]
+    pub fn publisher(&self) -> &Process {
         &self.publisher
     }
 
-    pub(crate) fn subscriber(&self) -> &Process {
+    /// The end that reads.
+    #[must_use]
+    pub fn subscriber(&self) -> &Process {
         &self.subscriber
     }
 
     /// Waits for the end; every sample must have arrived once and in order, and neither end may have seen the other
     /// go, unless it has gone in the end.
-    pub(crate) fn finish(mut self) -> Result<Reception> {
+    ///
+    /// # Errors
+    /// When one of that does not hold.
+    pub fn finish(mut self) -> Result<Reception> {
         let time = Duration::from_secs(self.count / RATE) + 2 * PATIENCE;
         self.subscriber
             .wait_success(time)
@@ -119,7 +128,7 @@ impl Stream {
 }
 
 /// When which sample arrived.
-pub(crate) struct Reception(Vec<(Instant, u64)>);
+pub struct Reception(Vec<(Instant, u64)>);
 
 impl Reception {
     fn of(subscriber: &Process) -> Self {
@@ -133,7 +142,8 @@ impl Reception {
     }
 
     /// The longest time without a sample, between two times.
-    pub(crate) fn longest_pause(&self, from: Instant, to: Instant) -> Duration {
+    #[must_use]
+    pub fn longest_pause(&self, from: Instant, to: Instant) -> Duration {
         let within = self.0.iter().map(|(at, _)| *at);
         let within = within.filter(|at| (from..to).contains(at));
         let times: Vec<Instant> = [from].into_iter().chain(within).chain([to]).collect();
@@ -143,7 +153,8 @@ impl Reception {
 }
 
 /// How many remote endpoints a program had, each time that this changed.
-pub(crate) fn matches(program: &Process) -> Vec<u64> {
+#[must_use]
+pub fn matches(program: &Process) -> Vec<u64> {
     let events = program.events();
     let matched = events.iter().filter(|event| event["event"] == "matched");
     matched

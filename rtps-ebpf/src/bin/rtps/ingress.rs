@@ -1,0 +1,216 @@
+//! Hook 2, tc on ingress: discovery, decided and answered before the host's own stack sees it.
+//!
+//! Unicast ends here. Multicast goes on to the other stacks of the host, with a mark for the socket
+//! filter, so that rtpsd does not get it once more.
+
+use aya_ebpf::bindings::tcx_action_base::{TCX_DROP, TCX_NEXT};
+use rtps_ebpf::{
+    Bytes as _, Counter,
+    abi::{DISCOVERY_KERNEL, Domain, HOOK_INGRESS, PORT_MULTICAST, RecordHeader},
+    discovery::Exchange,
+    frame::{IPV4_MIN_LEN, IPV6_LEN, UDP_LEN, datagram},
+};
+
+use crate::{
+    deliver::Delivery,
+    emit::{ORIGINAL_BYTES, Reply},
+    exchange::{Conversation, Voice},
+    maps::{self, Counters, Lookup, Scratch},
+    message::examine,
+    sys::{BufferMessage, LinkBuffer, now_ns},
+};
+
+/// What becomes of a frame.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Verdict {
+    /// It goes its way as if this hook were not there; others count it.
+    Pass,
+    /// Nobody gets it.
+    Drop(Counter),
+    /// All has been done.
+    Handled,
+}
+
+#[inline(always)]
+pub(crate) fn handle(buffer: &LinkBuffer) -> i32 {
+    let Some(scratch) = maps::scratch() else {
+        return TCX_NEXT;
+    };
+    let arrived = arrive(buffer, scratch).and_then(|()| deliver(buffer, scratch));
+    let verdict = match arrived {
+        Err(verdict) => verdict,
+        Ok(()) => converse(buffer, scratch),
+    };
+    match verdict {
+        Verdict::Pass => TCX_NEXT,
+        Verdict::Drop(counter) => {
+            Counters::of(buffer.ifindex()).count(counter);
+            TCX_DROP
+        }
+        Verdict::Handled if scratch.datagram.multicast => {
+            if let Some(domain) = maps::domain(scratch.header.domain_index) {
+                buffer.set_mark(handled(domain));
+            }
+            TCX_NEXT
+        }
+        Verdict::Handled => TCX_DROP,
+    }
+}
+
+/// The mark on frames that this hook has handled. Each host has another: a frame keeps its mark on its
+/// way into a container.
+#[inline(always)]
+pub(crate) const fn handled(domain: &Domain) -> u16 {
+    let [.., a, b] = domain.guid_prefix;
+    // 0 is no mark.
+    u16::from_ne_bytes([a, b]) | 1
+}
+
+/// Notes the datagram, if it is one that this hook may take.
+#[inline(never)]
+fn arrive(buffer: &LinkBuffer, scratch: &mut Scratch) -> Result<(), Verdict> {
+    let config = maps::config()
+        .filter(|config| config.discovery == DISCOVERY_KERNEL)
+        .ok_or(Verdict::Pass)?;
+    if !buffer.is_for_this_host() {
+        return Err(Verdict::Pass);
+    }
+    scratch.datagram = datagram(buffer).map_err(|_| Verdict::Pass)?;
+    let datagram = &scratch.datagram;
+    let port = maps::port(datagram.ports.destination).ok_or(Verdict::Pass)?;
+    let is_ours = if port.kind == PORT_MULTICAST {
+        // With a tag it is for another interface, where it comes by once more.
+        datagram.multicast && !buffer.has_vlan_tag()
+    } else {
+        !datagram.multicast && maps::is_own_address(&datagram.destination)
+    };
+    let header_len = if datagram.ipv4 {
+        IPV4_MIN_LEN
+    } else {
+        IPV6_LEN
+    };
+    let has_options = datagram.udp != datagram.ip + header_len;
+    if !is_ours || has_options || maps::is_own_address(&datagram.source) {
+        return Err(Verdict::Pass);
+    }
+    scratch.lookup = Lookup::new(datagram.source, config);
+    scratch.header = RecordHeader {
+        message_len: datagram.ports.len - UDP_LEN,
+        ifindex: buffer.ifindex(),
+        domain_index: port.domain_index.into(),
+        hook: HOOK_INGRESS,
+        flags: 0,
+        source_port: datagram.ports.source,
+        source_address: datagram.source,
+        received_ns: now_ns(),
+    };
+    Ok(())
+}
+
+/// Takes the message from the stack if it concerns built-in endpoints, or nobody; apps get theirs.
+#[inline(never)]
+fn deliver(buffer: &LinkBuffer, scratch: &mut Scratch) -> Result<(), Verdict> {
+    let message = message(buffer, scratch);
+    let domain = maps::domain(scratch.header.domain_index).ok_or(Verdict::Pass)?;
+    let built_in = examine(&message, scratch, domain);
+    let is_own = *scratch.walk.sender() == domain.guid_prefix;
+    if is_own || built_in == Ok(false) || built_in.is_err() && scratch.datagram.multicast {
+        return Err(Verdict::Pass);
+    }
+    let counters = Counters::of(buffer.ifindex());
+    counters.count(Counter::IngressMessages);
+    counters.count_malformed(scratch.malformed);
+    built_in.map_err(Verdict::Drop)?;
+    let mut delivery = Delivery {
+        message: &message,
+        scratch,
+        counters,
+        doorbell_by_packet: false,
+    };
+    delivery.run();
+    Ok(())
+}
+
+/// Does what the built-in endpoints would.
+#[inline(never)]
+fn converse(buffer: &LinkBuffer, scratch: &mut Scratch) -> Verdict {
+    let domain = maps::domain(scratch.header.domain_index);
+    let (Some(exchange), Some(domain)) = (maps::exchange(), domain) else {
+        return Verdict::Handled;
+    };
+    let message = message(buffer, scratch);
+    let may_answer = may_answer(buffer, domain, scratch);
+    let mut conversation = Conversation {
+        message: &message,
+        scratch,
+        exchange,
+        domain,
+    };
+    let Ok(speaks) = conversation.listen(may_answer) else {
+        return Verdict::Handled;
+    };
+    if !speaks {
+        conversation.commit();
+        return Verdict::Handled;
+    }
+    let Some(reply) = maps::reply() else {
+        return Verdict::Handled;
+    };
+    let mut answering = Answering { buffer, reply };
+    conversation.speak(&mut answering);
+    conversation.commit();
+    answering.finish()
+}
+
+#[inline(always)]
+fn message(buffer: &LinkBuffer, scratch: &Scratch) -> BufferMessage {
+    buffer.message(scratch.datagram.udp + UDP_LEN, scratch.header.message_len)
+}
+
+/// Prepares for answers; they are possible while rtpsd lives and where the interface has an address for
+/// them.
+#[inline(never)]
+fn may_answer(buffer: &LinkBuffer, domain: &Domain, scratch: &Scratch) -> bool {
+    let (Some(config), Some(interface), Some(reply)) = (
+        maps::config(),
+        maps::interface(buffer.ifindex()),
+        maps::reply(),
+    ) else {
+        return false;
+    };
+    let datagram = &scratch.datagram;
+    let is_too_long = datagram.multicast && buffer.len() > ORIGINAL_BYTES as u32;
+    scratch.header.received_ns <= config.answer_until_ns
+        && !is_too_long
+        && reply
+            .prepare(datagram, interface, domain.metatraffic_port as u16)
+            .is_ok()
+}
+
+/// Answers by way of the frame that came in.
+struct Answering<'a> {
+    buffer: &'a LinkBuffer,
+    reply: &'static mut Reply,
+}
+
+impl Voice for Answering<'_> {
+    #[inline(never)]
+    fn say(&mut self, exchange: &Exchange) -> Result<(), ()> {
+        if !self.reply.has_begun {
+            let port = exchange.peer.reply_port as u16;
+            self.reply.begin(self.buffer, port)?;
+        }
+        let answer = &exchange.answer;
+        self.reply.send(self.buffer, &answer.bytes, answer.len)
+    }
+}
+
+impl Answering<'_> {
+    #[inline(never)]
+    fn finish(&self) -> Verdict {
+        match self.reply.restore(self.buffer) {
+            Ok(()) => Verdict::Handled,
+            Err(()) => Verdict::Drop(Counter::LostOriginal),
+        }
+    }
+}

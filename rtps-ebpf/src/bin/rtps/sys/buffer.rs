@@ -1,0 +1,280 @@
+//! Socket buffers: datagrams at a UDP socket, and frames at the tc hook, which can be turned into
+//! answers.
+
+use aya_ebpf::{
+    EbpfContext as _,
+    bindings::{__sk_buff, BPF_F_RECOMPUTE_CSUM, bpf_hdr_start_off::BPF_HDR_START_NET},
+    check_bounds_signed,
+    helpers::{
+        bpf_clone_redirect, bpf_l4_csum_replace, bpf_skb_change_tail, bpf_skb_load_bytes,
+        bpf_skb_load_bytes_relative, bpf_skb_store_bytes,
+    },
+    programs::{SkBuffContext, TcContext},
+};
+use rtps_ebpf::{Bytes, frame::UDP_LEN};
+
+use super::{Packet, fits};
+
+/// `PACKET_HOST` of linux/if_packet.h: addressed to this host's interface.
+const PACKET_HOST: u32 = 0;
+/// `PACKET_MULTICAST`.
+const PACKET_MULTICAST: u32 = 2;
+
+/// A datagram at a UDP socket: data begins at the UDP header, after reassembly.
+pub(crate) struct SocketBuffer {
+    context: *mut __sk_buff,
+    len: u32,
+}
+
+impl SocketBuffer {
+    #[inline(always)]
+    pub(crate) fn new(context: &SkBuffContext) -> Self {
+        Self {
+            context: context.as_ptr().cast(),
+            len: context.len(),
+        }
+    }
+
+    #[inline(always)]
+    pub(crate) fn ifindex(&self) -> u32 {
+        // SAFETY: the context is the program's own.
+        unsafe { (*self.context).ifindex }
+    }
+
+    /// The ethertype, in host order.
+    #[inline(always)]
+    pub(crate) fn protocol(&self) -> u16 {
+        // SAFETY: the context is the program's own.
+        u16::from_be(unsafe { (*self.context).protocol } as u16)
+    }
+
+    /// What the tc program has marked it with.
+    #[inline(always)]
+    pub(crate) fn mark(&self) -> u16 {
+        // SAFETY: the context is the program's own.
+        unsafe { (*self.context).tc_index as u16 }
+    }
+
+    /// Reads from the IP header.
+    #[inline(always)]
+    pub(crate) fn load_network<const N: usize>(&self, offset: u32) -> Option<[u8; N]> {
+        let mut bytes = [0; N];
+        // SAFETY: the helper writes `N` bytes at most, and fails beyond the headers.
+        let result = unsafe {
+            bpf_skb_load_bytes_relative(
+                self.context.cast(),
+                offset,
+                (&raw mut bytes).cast(),
+                N as u32,
+                BPF_HDR_START_NET,
+            )
+        };
+        (result == 0).then_some(bytes)
+    }
+
+    /// The payload: an RTPS message.
+    #[inline(always)]
+    pub(crate) fn message(&self) -> BufferMessage {
+        BufferMessage {
+            context: self.context,
+            start: UDP_LEN,
+            len: self.len.saturating_sub(UDP_LEN),
+        }
+    }
+}
+
+impl Bytes for SocketBuffer {
+    #[inline(always)]
+    fn len(&self) -> u32 {
+        self.len
+    }
+
+    #[inline(always)]
+    fn load<const N: usize>(&self, offset: u32) -> Option<[u8; N]> {
+        load_buffer(self.context, offset)
+    }
+}
+
+/// A frame at the tc hook: data begins at the Ethernet header, without the outer VLAN tag.
+pub(crate) struct LinkBuffer {
+    context: *mut __sk_buff,
+    len: u32,
+}
+
+impl LinkBuffer {
+    #[inline(always)]
+    pub(crate) fn new(context: &TcContext) -> Self {
+        Self {
+            context: context.as_ptr().cast(),
+            len: context.len(),
+        }
+    }
+
+    #[inline(always)]
+    pub(crate) fn ifindex(&self) -> u32 {
+        // SAFETY: the context is the program's own.
+        unsafe { (*self.context).ifindex }
+    }
+
+    /// Whether it is one frame as it came from the link, for this host: not looped back, not overheard,
+    /// not several in one.
+    #[inline(always)]
+    pub(crate) fn is_for_this_host(&self) -> bool {
+        // SAFETY: the context is the program's own.
+        let (kind, segment) = unsafe { ((*self.context).pkt_type, (*self.context).gso_size) };
+        (kind == PACKET_HOST || kind == PACKET_MULTICAST) && segment == 0
+    }
+
+    /// Whether it came with a VLAN tag, which an answer will have, too.
+    #[inline(always)]
+    pub(crate) fn has_vlan_tag(&self) -> bool {
+        // SAFETY: the context is the program's own.
+        unsafe { (*self.context).vlan_present != 0 }
+    }
+
+    /// Leaves a mark that the socket filter sees. It is the class that packet classifiers choose, which
+    /// nobody looks at behind ingress.
+    #[inline(always)]
+    pub(crate) fn set_mark(&self, mark: u16) {
+        // SAFETY: the context is the program's own. The kernel takes the second for the first when a
+        // later program on the hook decides to pass the frame.
+        unsafe {
+            (*self.context).tc_index = mark.into();
+            (*self.context).tc_classid = mark.into();
+        }
+    }
+
+    /// The part of the frame that holds an RTPS message.
+    #[inline(always)]
+    pub(crate) fn message(&self, start: u32, len: u32) -> BufferMessage {
+        BufferMessage {
+            context: self.context,
+            start,
+            len,
+        }
+    }
+
+    /// Copies the whole frame; fails when it is longer than `to`.
+    #[inline(always)]
+    pub(crate) fn copy_whole<const N: usize>(&self, to: &mut [u8; N]) -> Result<(), ()> {
+        // SAFETY: `to` has `N` bytes.
+        unsafe { self.message(0, self.len).copy(to.as_mut_ptr(), self.len, N) }
+    }
+
+    /// Cuts or extends the frame to `len` bytes.
+    #[inline(always)]
+    pub(crate) fn resize(&self, len: u32) -> Result<(), ()> {
+        // SAFETY: the context is the program's own.
+        succeed(unsafe { bpf_skb_change_tail(self.context, len, 0) })
+    }
+
+    /// Overwrites bytes within the frame.
+    #[inline(always)]
+    pub(crate) fn store<const N: usize>(&self, offset: u32, bytes: &[u8; N]) -> Result<(), ()> {
+        // SAFETY: the helper reads the `N` bytes that it is given, and fails beyond the frame.
+        succeed(unsafe {
+            let from = bytes.as_ptr().cast();
+            bpf_skb_store_bytes(
+                self.context,
+                offset,
+                from,
+                N as u32,
+                BPF_F_RECOMPUTE_CSUM.into(),
+            )
+        })
+    }
+
+    /// Overwrites bytes within the frame with the first `len` of `bytes`, at least 1.
+    #[inline(always)]
+    pub(crate) fn store_some(&self, offset: u32, bytes: &[u8], len: u32) -> Result<(), ()> {
+        if !check_bounds_signed(i64::from(len), 1, bytes.len() as i64) {
+            return Err(());
+        }
+        // SAFETY: the helper reads `len` bytes, which is at most the length of `bytes`.
+        succeed(unsafe {
+            let from = bytes.as_ptr().cast();
+            bpf_skb_store_bytes(self.context, offset, from, len, BPF_F_RECOMPUTE_CSUM.into())
+        })
+    }
+
+    /// Whether the link or its driver has still to complete the checksum at `offset`, as in frames of a
+    /// local veth peer. Spoils the checksum otherwise.
+    #[inline(always)]
+    pub(crate) fn completes_checksum(&self, offset: u32) -> bool {
+        const TWO_BYTES: u64 = 2;
+        let before = load_buffer::<2>(self.context, offset);
+        // An incomplete checksum does not cover the data yet, so that the helper leaves it as it is.
+        // SAFETY: the context is the program's own; the helper checks the offset.
+        let added = unsafe { bpf_l4_csum_replace(self.context, offset, 0, 1, TWO_BYTES) };
+        added == 0 && before == load_buffer::<2>(self.context, offset)
+    }
+
+    /// Sends a copy of the frame as it is now out of an interface.
+    #[inline(always)]
+    pub(crate) fn send(&self, ifindex: u32) -> Result<(), ()> {
+        // SAFETY: the context is the program's own.
+        succeed(unsafe { bpf_clone_redirect(self.context, ifindex, 0) })
+    }
+}
+
+impl Bytes for LinkBuffer {
+    #[inline(always)]
+    fn len(&self) -> u32 {
+        self.len
+    }
+
+    #[inline(always)]
+    fn load<const N: usize>(&self, offset: u32) -> Option<[u8; N]> {
+        load_buffer(self.context, offset)
+    }
+}
+
+/// An RTPS message in a socket buffer.
+pub(crate) struct BufferMessage {
+    context: *mut __sk_buff,
+    start: u32,
+    len: u32,
+}
+
+impl Bytes for BufferMessage {
+    #[inline(always)]
+    fn len(&self) -> u32 {
+        self.len
+    }
+
+    #[inline(always)]
+    fn load<const N: usize>(&self, offset: u32) -> Option<[u8; N]> {
+        if !fits(offset, N, self.len) {
+            return None;
+        }
+        load_buffer(self.context, self.start + offset)
+    }
+}
+
+impl Packet for BufferMessage {
+    #[inline(always)]
+    unsafe fn copy(&self, to: *mut u8, len: u32, limit: usize) -> Result<(), ()> {
+        if !check_bounds_signed(i64::from(len), 1, limit as i64) {
+            return Err(());
+        }
+        // SAFETY: `len` is at most `limit`, for which the caller vouches.
+        match unsafe { bpf_skb_load_bytes(self.context.cast(), self.start, to.cast(), len) } {
+            0 => Ok(()),
+            _ => Err(()),
+        }
+    }
+}
+
+#[inline(always)]
+fn load_buffer<const N: usize>(context: *mut __sk_buff, offset: u32) -> Option<[u8; N]> {
+    let mut bytes = [0; N];
+    // SAFETY: the helper writes `N` bytes at most, and fails beyond the packet.
+    let result =
+        unsafe { bpf_skb_load_bytes(context.cast(), offset, (&raw mut bytes).cast(), N as u32) };
+    (result == 0).then_some(bytes)
+}
+
+#[inline(always)]
+const fn succeed(result: i64) -> Result<(), ()> {
+    if result == 0 { Ok(()) } else { Err(()) }
+}

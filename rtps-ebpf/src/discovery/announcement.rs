@@ -1,0 +1,420 @@
+//! What a remote participant announces (RTPS 2.5, 8.5.3): whether it is new, changed, or gone, and where it can
+//! be answered.
+//!
+//! First all that is announced is hashed; only what differs from before is read.
+
+use core::ops::ControlFlow;
+
+use super::{answer::PROLOGUE_LEN, exchange::Exchange, world::World};
+use crate::{
+    abi::{PEER_PROVEN, Peer, RemoteReader, RemoteWriter},
+    bytes::Bytes,
+    frame::mapped,
+    submessage::{Submessage, flag, part},
+};
+
+/// Longer announcements are not hashed, and so are always news.
+const MAX_HASHED: u32 = 4_096;
+/// More parameters are left to rtpsd.
+const MAX_PARAMETERS: u32 = 128;
+/// Bytes that are hashed in one step.
+const STRIDE: u32 = 32;
+const HASH_SEED: u64 = 0xcbf2_9ce4_8422_2325;
+const HASH_FACTOR: u64 = 0x9e37_79b9_7f4a_7c15;
+
+const PID_SENTINEL: u16 = 0x0001;
+const PID_DOMAIN_ID: u16 = 0x000f;
+const PID_METATRAFFIC_UNICAST_LOCATOR: u16 = 0x0032;
+const PID_PARTICIPANT_GUID: u16 = 0x0050;
+const PID_STATUS_INFO: u16 = 0x0071;
+const PID_DOMAIN_TAG: u16 = 0x4014;
+
+const LOCATOR_KIND_UDP_V4: u32 = 1;
+const LOCATOR_KIND_UDP_V6: u32 = 2;
+/// NOT_ALIVE_DISPOSED and NOT_ALIVE_UNREGISTERED in the last byte of StatusInfo_t (9.6.4.9).
+const NOT_ALIVE: u8 = 0x03;
+
+/// How far the reading has got.
+#[repr(u32)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Stage {
+    Hash,
+    InlineQos,
+    Encapsulation,
+    Parameters,
+}
+
+/// The reading of one announcement.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Reading {
+    hash: u64,
+    stage: Stage,
+    /// Of inline QoS or payload.
+    start: u32,
+    /// Of what comes next.
+    at: u32,
+    end: u32,
+    /// Parameters so far.
+    parameters: u32,
+    /// Its metatraffic port at the source of the datagram; 0 for none.
+    port: u32,
+    /// Of the submessage.
+    flags: u8,
+    is_little_endian: bool,
+    is_gone: bool,
+    /// It says whose announcement it is, and may.
+    is_own: bool,
+    /// It belongs to another domain.
+    is_elsewhere: bool,
+}
+
+/// A parameter's head.
+#[derive(Clone, Copy)]
+struct Parameter {
+    id: u16,
+    value: u32,
+    len: u32,
+}
+
+impl Reading {
+    pub(super) const NONE: Self = Self {
+        hash: 0,
+        stage: Stage::Hash,
+        start: 0,
+        at: 0,
+        end: 0,
+        parameters: 0,
+        port: 0,
+        flags: 0,
+        is_little_endian: false,
+        is_gone: false,
+        is_own: false,
+        is_elsewhere: false,
+    };
+
+    /// Of a DATA that was found valid.
+    #[inline(always)]
+    pub(super) fn begin(submessage: &Submessage, octets_to_inline_qos: [u8; 2]) -> Self {
+        let start = submessage.start + 4 + u32::from(submessage.u16(octets_to_inline_qos));
+        let flags = submessage.flags & (flag::INLINE_QOS | flag::DATA | flag::KEY);
+        Self {
+            hash: HASH_SEED ^ u64::from(flags),
+            start,
+            at: start,
+            end: submessage.end(),
+            flags: submessage.flags,
+            is_little_endian: submessage.has(flag::LITTLE_ENDIAN),
+            ..Self::NONE
+        }
+    }
+
+    /// Takes in some bytes; breaks at the end.
+    #[inline(always)]
+    fn hash(&mut self, message: &(impl Bytes + ?Sized)) -> ControlFlow<()> {
+        let left = self.end.saturating_sub(self.at);
+        if left == 0 {
+            return ControlFlow::Break(());
+        }
+        let taken = if left >= STRIDE {
+            message.load::<{ STRIDE as usize }>(self.at).map(|bytes| {
+                self.mix(u64::from_le_bytes(part(&bytes, 0)));
+                self.mix(u64::from_le_bytes(part(&bytes, 8)));
+                self.mix(u64::from_le_bytes(part(&bytes, 16)));
+                self.mix(u64::from_le_bytes(part(&bytes, 24)));
+                STRIDE
+            })
+        } else if left >= 4 {
+            message.load::<4>(self.at).map(|bytes| {
+                self.mix(u64::from(u32::from_le_bytes(bytes)));
+                4
+            })
+        } else {
+            message.load::<1>(self.at).map(|[byte]| {
+                self.mix(u64::from(byte));
+                1
+            })
+        };
+        let Some(taken) = taken else {
+            return ControlFlow::Break(());
+        };
+        self.at += taken;
+        ControlFlow::Continue(())
+    }
+
+    #[inline(always)]
+    const fn mix(&mut self, word: u64) {
+        let mixed = (self.hash ^ word).wrapping_mul(HASH_FACTOR);
+        self.hash = mixed ^ mixed >> 32;
+    }
+
+    /// The next parameter; nothing where there is none.
+    #[inline(always)]
+    fn parameter(&mut self, message: &(impl Bytes + ?Sized)) -> Option<Parameter> {
+        let [a, b, c, d] = message.load::<4>(self.at)?;
+        let (id, len) = (self.u16([a, b]), u32::from(self.u16([c, d])));
+        let value = self.at + 4;
+        if value > self.end || id != PID_SENTINEL && (len & 3 != 0 || len > self.end - value) {
+            return None;
+        }
+        self.at = if id == PID_SENTINEL {
+            value
+        } else {
+            value + len
+        };
+        self.parameters += 1;
+        Some(Parameter { id, value, len })
+    }
+
+    #[inline(always)]
+    const fn u16(&self, bytes: [u8; 2]) -> u16 {
+        if self.is_little_endian {
+            u16::from_le_bytes(bytes)
+        } else {
+            u16::from_be_bytes(bytes)
+        }
+    }
+
+    #[inline(always)]
+    const fn u32(&self, bytes: [u8; 4]) -> u32 {
+        if self.is_little_endian {
+            u32::from_le_bytes(bytes)
+        } else {
+            u32::from_be_bytes(bytes)
+        }
+    }
+
+    /// A locator of the participant, which a port is taken from if it lies at `source`.
+    #[inline(always)]
+    fn locator(&mut self, locator: [u8; 24], source: &[u8; 16]) {
+        let kind = self.u32(part(&locator, 0));
+        let port = self.u32(part(&locator, 4));
+        let address = match kind {
+            LOCATOR_KIND_UDP_V4 => mapped(part(&locator, 20)),
+            LOCATOR_KIND_UDP_V6 => part(&locator, 8),
+            _ => return,
+        };
+        if self.port == 0 && port <= u32::from(u16::MAX) && address == *source {
+            self.port = port;
+        }
+    }
+}
+
+impl Exchange {
+    /// One step through the announcement; breaks at its end.
+    #[inline(always)]
+    pub(super) fn read_announcement(
+        &mut self,
+        message: &(impl Bytes + ?Sized),
+        world: &impl World,
+    ) -> ControlFlow<()> {
+        match self.reading.stage {
+            Stage::Hash => self.hash_announcement(message, world),
+            Stage::InlineQos => self.read_inline_qos(message),
+            Stage::Encapsulation => self.read_encapsulation(message),
+            Stage::Parameters => self.read_parameter(message, world),
+        }
+    }
+
+    #[inline(always)]
+    fn hash_announcement(
+        &mut self,
+        message: &(impl Bytes + ?Sized),
+        world: &impl World,
+    ) -> ControlFlow<()> {
+        let reading = &mut self.reading;
+        let is_long = reading.end.saturating_sub(reading.start) > MAX_HASHED;
+        if !is_long && reading.hash(message).is_continue() {
+            return ControlFlow::Continue(());
+        }
+        // 0 stands for none.
+        reading.hash = if is_long { 0 } else { reading.hash.max(1) };
+        let is_same = !is_long && reading.hash == self.peer.announcement_hash;
+        if self.is_known && is_same {
+            self.greet_again(world);
+            return ControlFlow::Break(());
+        }
+        reading.at = reading.start;
+        reading.stage = if reading.flags & flag::INLINE_QOS != 0 {
+            Stage::InlineQos
+        } else {
+            Stage::Encapsulation
+        };
+        ControlFlow::Continue(())
+    }
+
+    #[inline(always)]
+    fn read_inline_qos(&mut self, message: &(impl Bytes + ?Sized)) -> ControlFlow<()> {
+        const STATUS: u32 = 3;
+        let reading = &mut self.reading;
+        let Some(parameter) = reading.parameter(message) else {
+            return ControlFlow::Break(());
+        };
+        match parameter.id {
+            PID_SENTINEL => reading.stage = Stage::Encapsulation,
+            PID_STATUS_INFO if parameter.len > STATUS => {
+                if let Some([status]) = message.load::<1>(parameter.value + STATUS) {
+                    reading.is_gone |= status & NOT_ALIVE != 0;
+                }
+            }
+            _ => {}
+        }
+        if reading.parameters < MAX_PARAMETERS {
+            return ControlFlow::Continue(());
+        }
+        self.pass_on();
+        ControlFlow::Break(())
+    }
+
+    #[inline(always)]
+    fn read_encapsulation(&mut self, message: &(impl Bytes + ?Sized)) -> ControlFlow<()> {
+        if self.reading.is_gone {
+            self.farewell();
+            return ControlFlow::Break(());
+        }
+        let reading = &mut self.reading;
+        if reading.flags & flag::DATA == 0 {
+            return ControlFlow::Break(());
+        }
+        // PL_CDR_BE and PL_CDR_LE.
+        reading.is_little_endian = match message.load::<4>(reading.at) {
+            Some([0, 2, _, _]) => false,
+            Some([0, 3, _, _]) => true,
+            _ => return ControlFlow::Break(()),
+        };
+        reading.at += 4;
+        reading.parameters = 0;
+        reading.stage = Stage::Parameters;
+        ControlFlow::Continue(())
+    }
+
+    #[inline(always)]
+    fn read_parameter(
+        &mut self,
+        message: &(impl Bytes + ?Sized),
+        world: &impl World,
+    ) -> ControlFlow<()> {
+        let Some(Parameter { id, value, len }) = self.reading.parameter(message) else {
+            return ControlFlow::Break(());
+        };
+        let reading = &mut self.reading;
+        match id {
+            PID_SENTINEL => {
+                if reading.is_own {
+                    self.announced(world);
+                }
+                return ControlFlow::Break(());
+            }
+            PID_PARTICIPANT_GUID if len >= 16 => {
+                let Some(prefix) = message.load::<12>(value) else {
+                    return ControlFlow::Break(());
+                };
+                if prefix != self.setting.sender {
+                    return ControlFlow::Break(());
+                }
+                reading.is_own = true;
+            }
+            PID_METATRAFFIC_UNICAST_LOCATOR if len >= 24 => {
+                if let Some(locator) = message.load::<24>(value) {
+                    reading.locator(locator, &self.setting.source);
+                }
+            }
+            // A string's length counts its NUL.
+            PID_DOMAIN_ID | PID_DOMAIN_TAG if len >= 4 => {
+                let number = message
+                    .load::<4>(value)
+                    .map_or(0, |bytes| reading.u32(bytes));
+                reading.is_elsewhere |= if id == PID_DOMAIN_ID {
+                    number != self.setting.domain_id
+                } else {
+                    number > 1
+                };
+            }
+            _ => {}
+        }
+        if reading.parameters < MAX_PARAMETERS {
+            return ControlFlow::Continue(());
+        }
+        if reading.is_own {
+            self.announced(world);
+        }
+        self.pass_on();
+        ControlFlow::Break(())
+    }
+
+    /// A participant that is new, or says something new.
+    #[inline(always)]
+    fn announced(&mut self, world: &impl World) {
+        if !self.is_known {
+            self.is_known = true;
+            self.is_new = true;
+            self.peer = Peer::default();
+            self.peer.last_seen_ns = self.setting.now_ns;
+            self.peer.addresses[0] = self.setting.source;
+            self.forget_progress();
+        }
+        let reading = &self.reading;
+        let is_elsewhere = reading.is_elsewhere;
+        self.peer.reply_port = if is_elsewhere { 0 } else { reading.port };
+        self.peer.announcement_hash = reading.hash;
+        self.has_news = true;
+        if self.peer.flags & PEER_PROVEN == 0 && !is_elsewhere {
+            let can_greet = self.setting.may_answer && self.peer.reply_port != 0;
+            if can_greet && self.can_announce(world) {
+                self.is_greeting = true;
+            } else {
+                self.pass_on();
+            }
+        }
+    }
+
+    /// Who says the same again and nothing else may not have got our answer; who says it to us has, and two hosts
+    /// must not answer each other for ever.
+    #[inline(always)]
+    fn greet_again(&mut self, world: &impl World) {
+        let is_proven = self.is_directed || self.peer.flags & PEER_PROVEN != 0;
+        let is_waiting = !is_proven && self.peer.reply_port != 0;
+        if is_waiting && self.setting.may_answer && self.can_announce(world) {
+            self.is_greeting = true;
+        }
+    }
+
+    /// A participant that is gone. Should it come again, all begins anew.
+    #[inline(always)]
+    fn farewell(&mut self) {
+        if !self.is_known {
+            return;
+        }
+        self.has_news = true;
+        self.peer.announcement_hash = self.reading.hash;
+        self.peer.reply_port = 0;
+        self.peer.flags &= !PEER_PROVEN;
+        self.forget_progress();
+    }
+
+    #[inline(always)]
+    fn forget_progress(&mut self) {
+        for writer in &mut self.peer.writers {
+            *writer = RemoteWriter {
+                next: 1,
+                acknack_count: writer.acknack_count,
+                flags: 0,
+            };
+        }
+        for reader in &mut self.peer.readers {
+            *reader = RemoteReader {
+                heartbeat_count: reader.heartbeat_count,
+                ..RemoteReader::default()
+            };
+        }
+    }
+
+    /// Whether our announcement is there and fits a datagram.
+    #[inline(always)]
+    fn can_announce(&self, world: &impl World) -> bool {
+        let room = self.setting.datagram_size.saturating_sub(PROLOGUE_LEN);
+        world
+            .announcement()
+            .is_some_and(|announcement| announcement.len != 0 && announcement.len <= room)
+    }
+}
