@@ -305,10 +305,10 @@ impl Exchange {
         let Some(number) = number_of(reader, writer) else {
             return;
         };
-        if !self.is_known || !self.is_proven() {
-            return;
+        // To ask an unproven sender for its samples costs no more than to greet it; they are not taken yet.
+        if self.is_known && (self.is_proven() || submessage.id == id::HEARTBEAT) {
+            self.take(message, submessage, &fields, number);
         }
-        self.take(message, submessage, &fields, number);
     }
 
     /// Whether the sender takes part in the reliable protocol: it has named us, and so has got something from us.
@@ -407,6 +407,7 @@ impl Exchange {
             return;
         };
         let last = submessage.i64(last) as u64;
+        let is_proven = self.peer.flags & PEER_PROVEN != 0;
         let Some(writer) = self.writer(number) else {
             return;
         };
@@ -415,7 +416,7 @@ impl Exchange {
         }
         let next = writer.next;
         if writer.flags & WRITER_FRAGMENTED != 0 || first > next {
-            self.pass_on();
+            self.is_passed_on |= is_proven;
         } else if (last >= next || !submessage.is_final())
             && let Some(acknack) = self.acknacks.get_mut(number as usize)
         {

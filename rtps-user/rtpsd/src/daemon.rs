@@ -75,12 +75,12 @@ fn start(
     pins: &PinFolder,
     signals: SignalFd,
 ) -> Result<EventLoop> {
-    let now = Instant::now();
     let interfaces = find_interfaces(&options.interfaces)?;
     let access = Access::new(options.socket_mode, options.group.as_deref())?;
     pins.create()?;
     let mut loader = Loader::load(pins.clone())?;
     let mut kernel = KernelMaps::open(pins)?;
+    let now = Instant::now();
     let domains = join_domains(options, pins, &interfaces, &mut loader, now)?;
     tell_kernel(&mut kernel, &interfaces, &domains)?;
     let mut attachment = Attachment::new(loader, options.mode, options.discovery);

@@ -329,12 +329,20 @@ fn layer_config(
         lease: options.lease,
         announce_period: (options.lease / 4).min(ANNOUNCE_PERIOD),
         datagram_size: interfaces::datagram_size(setting.interfaces),
-        count_age: monotonic_now().saturating_sub(Duration::from_nanos(identity.count_base_ns)),
+        count_age: age_of_counts(identity, setting.now),
         kernel_discovery: options.discovery == Discovery::Kernel,
         bind_addresses: !options.any_source,
         resume_grace: crate::host::RESUME_GRACE,
         ..LayerConfig::new(identity.prefix, domain, loopback)
     }
+}
+
+/// How old counts were at `at`. The kernel's are as old: of one that is ahead, others would take the answers of the
+/// other for old ones.
+fn age_of_counts(identity: Identity, at: Instant) -> Duration {
+    monotonic_now()
+        .saturating_sub(at.elapsed())
+        .saturating_sub(Duration::from_nanos(identity.count_base_ns))
 }
 
 /// A GUID prefix that no other participant has: the vendor's number (RTPS 2.5, 9.3.1.5) and 80 random bits.

@@ -117,8 +117,11 @@ impl Discovery {
             self.match_participant(now, prefix);
             // The low-level layer has greeted them.
             for (writer, reader) in builtin::topics() {
-                if let Some(writer) = self.endpoints.writer_mut(writer) {
-                    writer.greeting(now, Guid::new(prefix, reader));
+                if let Some(of_ours) = self.endpoints.writer_mut(writer) {
+                    of_ours.greeting(now, Guid::new(prefix, reader));
+                }
+                if let Some(of_ours) = self.endpoints.reader_mut(reader) {
+                    of_ours.need_not_greet(Guid::new(prefix, writer));
                 }
             }
         }

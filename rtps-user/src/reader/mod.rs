@@ -435,6 +435,11 @@ impl Reader {
         }
     }
 
+    /// A matched writer has been greeted already, by somebody else in our name.
+    pub fn need_not_greet(&mut self, writer: Guid) {
+        self.messages.cancel((writer, Message::Greeting));
+    }
+
     /// The number below which all changes of a matched writer have been received, or will not come.
     pub fn progress(&self, writer: Guid) -> Option<SequenceNumber> {
         self.proxies.get(&writer).map(WriterProxy::next)

@@ -170,11 +170,15 @@ fn who_names_us_is_proven() {
             ..NEWS
         }
     );
-    // What it says to everybody does not count until then.
+    // What it says to everybody is not taken until then, but it is asked to say it to us.
     let everybody = Message::new(true).data(0, 1).heartbeat(0, 1, 1, false);
     let played = host.play(setting(), Some(&stranger()), &everybody);
-    assert_eq!(played.outcome, QUIET);
+    assert_eq!(played.outcome, ANSWERED);
+    assert_eq!(played.peer.flags, 0);
     assert_eq!(played.peer.writers[0].next, 1);
+    let beyond = Message::new(true).heartbeat(0, 9, 9, false);
+    let played = host.play(setting(), Some(&stranger()), &beyond);
+    assert_eq!(played.outcome, QUIET);
     let known = host.play(setting(), Some(&peer()), &everybody);
     assert!(known.outcome.news && known.outcome.speaks);
 }
