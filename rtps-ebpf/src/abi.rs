@@ -8,16 +8,16 @@
 mod discovery;
 
 pub use discovery::{
-    Announcement, BUDGET_ALL, BUDGET_NEW, BUDGET_STRANGERS, BUDGETS, BUILTIN_WRITERS,
-    BuiltinWriter, Interface, PARTICIPANT_MESSAGES, PEER_ADDRESSES, PEER_ANY_ADDRESS, PEER_PROVEN,
-    PEER_SUPERVISED, PUBLICATIONS, Peer, RemoteReader, RemoteWriter, SUBMESSAGE_BYTES,
-    SUBSCRIPTIONS, Sample, SampleKey, WRITER_FRAGMENTED, WRITER_INCOMPLETE,
+    Announcement, AnnouncementKey, BUDGET_ALL, BUDGET_NEW, BUDGET_STRANGERS, BUDGETS,
+    BUILTIN_WRITERS, BuiltinWriter, Interface, PARTICIPANT_MESSAGES, PEER_ADDRESSES,
+    PEER_ANY_ADDRESS, PEER_PROVEN, PEER_SUPERVISED, PUBLICATIONS, Peer, RemoteReader, RemoteWriter,
+    SUBMESSAGE_BYTES, SUBSCRIPTIONS, Sample, SampleKey, WRITER_FRAGMENTED, WRITER_INCOMPLETE,
 };
 
 use crate::entity::GuidPrefix;
 
 /// The version of everything in this module.
-pub const ABI_VERSION: u32 = 2;
+pub const ABI_VERSION: u32 = 3;
 
 /// Names of maps and programs, the same in the object and under the pin folder.
 pub mod name {
@@ -51,7 +51,7 @@ pub mod name {
     /// `Hash` from interface index (`u32`) to [`Interface`](super::Interface): where the kernel may
     /// answer.
     pub const INTERFACES: &str = "interfaces";
-    /// `Array[DOMAINS]` of [`Announcement`](super::Announcement).
+    /// `Hash` from [`AnnouncementKey`](super::AnnouncementKey) to [`Announcement`](super::Announcement).
     pub const ANNOUNCEMENTS: &str = "announcements";
     /// `Array[DOMAINS * BUILTIN_WRITERS]` of [`BuiltinWriter`](super::BuiltinWriter).
     pub const WRITERS: &str = "writers";
@@ -108,6 +108,8 @@ pub const STRANGERS: u32 = 4_096;
 pub const SOURCES: u32 = 4_096;
 /// Interfaces with counters of their own, and interfaces where the kernel may answer.
 pub const INTERFACES: u32 = 64;
+/// Announcements: one for each domain and interface.
+pub const ANNOUNCEMENTS: u32 = DOMAINS * INTERFACES;
 /// Samples of the built-in writers of all domains.
 pub const SAMPLES: u32 = 65_536;
 /// Bytes of the ring with the news for rtpsd.

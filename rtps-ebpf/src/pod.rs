@@ -4,8 +4,8 @@
 use crate::{
     SlotSet,
     abi::{
-        Announcement, App, Bell, BuiltinWriter, Config, Domain, Interface, Peer, PortConfig,
-        RecordHeader, Sample, SampleKey,
+        Announcement, AnnouncementKey, App, Bell, BuiltinWriter, Config, Domain, Interface, Peer,
+        PortConfig, RecordHeader, Sample, SampleKey,
     },
 };
 
@@ -20,6 +20,7 @@ macro_rules! pod {
 
 pod!(
     Announcement,
+    AnnouncementKey,
     App,
     Bell,
     BuiltinWriter,

@@ -103,7 +103,17 @@ pub struct Interface {
 /// Bytes of submessages in an [`Announcement`] or a [`Sample`].
 pub const SUBMESSAGE_BYTES: usize = 1_408;
 
-/// `announcements`: what the host says of its participant.
+/// Key of `announcements`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub struct AnnouncementKey {
+    /// Index into `domains`.
+    pub domain_index: u32,
+    /// Of the interface that it is asked for on: each hears the addresses first that can be reached on it.
+    pub ifindex: u32,
+}
+
+/// `announcements`: what the host says of its participant on one interface.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Announcement {
@@ -173,6 +183,7 @@ const _: () = {
     assert!(size_of::<RemoteReader>() == 40);
     assert!(size_of::<Peer>() == 328);
     assert!(size_of::<Interface>() == 44);
+    assert!(size_of::<AnnouncementKey>() == 8);
     assert!(size_of::<Announcement>() == 1_416);
     assert!(size_of::<BuiltinWriter>() == 24);
     assert!(size_of::<SampleKey>() == 16);

@@ -1,7 +1,8 @@
 //! What a remote participant announces (RTPS 2.5, 8.5.3): whether it is new, changed, or gone, and where it can
 //! be answered.
 //!
-//! First all that is announced is hashed; only what differs from before is read.
+//! First all that is announced is hashed; only what differs from before is read. The hash does not depend on the
+//! order of the parameters: a host on several networks may name its locators in another order on each.
 
 use core::ops::ControlFlow;
 
@@ -48,13 +49,18 @@ pub(super) enum Stage {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Reading {
+    /// Of the parameter that is being hashed; in the end of all.
     hash: u64,
+    /// The hashes of what lies before it.
+    sum: u64,
     stage: Stage,
     /// Of inline QoS or payload.
     start: u32,
     /// Of what comes next.
     at: u32,
     end: u32,
+    /// Of the parameter that is being hashed.
+    parameter_end: u32,
     /// Parameters so far.
     parameters: u32,
     /// Its metatraffic port at the source of the datagram; 0 for none.
@@ -80,10 +86,12 @@ struct Parameter {
 impl Reading {
     pub(super) const NONE: Self = Self {
         hash: 0,
+        sum: 0,
         stage: Stage::Hash,
         start: 0,
         at: 0,
         end: 0,
+        parameter_end: 0,
         parameters: 0,
         port: 0,
         flags: 0,
@@ -103,6 +111,7 @@ impl Reading {
             start,
             at: start,
             end: submessage.end(),
+            parameter_end: start,
             flags: submessage.flags,
             is_little_endian: submessage.has(flag::LITTLE_ENDIAN),
             ..Self::NONE
@@ -112,10 +121,14 @@ impl Reading {
     /// Takes in some bytes; breaks at the end.
     #[inline(always)]
     fn hash(&mut self, message: &(impl Bytes + ?Sized)) -> ControlFlow<()> {
-        let left = self.end.saturating_sub(self.at);
-        if left == 0 {
+        if self.at >= self.end {
+            self.hash = self.hash.wrapping_add(self.sum);
             return ControlFlow::Break(());
         }
+        if self.at >= self.parameter_end {
+            self.next_hash(message);
+        }
+        let left = self.parameter_end.saturating_sub(self.at);
         let taken = if left >= STRIDE {
             message.load::<{ STRIDE as usize }>(self.at).map(|bytes| {
                 self.mix(u64::from_le_bytes(part(&bytes, 0)));
@@ -123,6 +136,11 @@ impl Reading {
                 self.mix(u64::from_le_bytes(part(&bytes, 16)));
                 self.mix(u64::from_le_bytes(part(&bytes, 24)));
                 STRIDE
+            })
+        } else if left >= 8 {
+            message.load::<8>(self.at).map(|bytes| {
+                self.mix(u64::from_le_bytes(bytes));
+                8
             })
         } else if left >= 4 {
             message.load::<4>(self.at).map(|bytes| {
@@ -140,6 +158,33 @@ impl Reading {
         };
         self.at += taken;
         ControlFlow::Continue(())
+    }
+
+    /// Begins with the encapsulation header, or with the next parameter. Inline QoS, and what is no parameter, are
+    /// hashed as one with all that follows.
+    #[inline(always)]
+    fn next_hash(&mut self, message: &(impl Bytes + ?Sized)) {
+        let is_first = self.at == self.start;
+        if !is_first {
+            self.sum = self.sum.wrapping_add(self.hash);
+            self.hash = HASH_SEED;
+        }
+        let has_inline_qos = self.flags & flag::INLINE_QOS != 0;
+        let len = match message.load::<4>(self.at) {
+            Some([_, kind, _, _]) if is_first && !has_inline_qos => {
+                // PL_CDR_LE; what else there is matters when it is read.
+                self.is_little_endian = kind == 3;
+                Some(0)
+            }
+            Some([a, b, c, d]) if !is_first && self.u16([a, b]) != PID_SENTINEL => {
+                Some(u32::from(self.u16([c, d])))
+            }
+            _ => None,
+        };
+        self.parameter_end = match len {
+            Some(len) => self.end.min(self.at + 4 + len),
+            None => self.end,
+        };
     }
 
     #[inline(always)]

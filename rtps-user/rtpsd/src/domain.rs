@@ -232,7 +232,7 @@ impl DomainHost {
                 }
                 LayerOutput::Reply { slot, message } => effects.replies.push((slot, message)),
                 LayerOutput::Kernel(change) => {
-                    if let Err(error) = self.change_kernel(change, effects.kernel) {
+                    if let Err(error) = self.change_kernel(change, effects) {
                         warn!("{error:#}");
                     }
                 }
@@ -246,7 +246,8 @@ impl DomainHost {
         self.datagram = datagram;
     }
 
-    fn change_kernel(&self, change: KernelChange, kernel: &mut KernelMaps) -> Result<()> {
+    fn change_kernel(&self, change: KernelChange, effects: &mut Effects<'_>) -> Result<()> {
+        let kernel = &mut *effects.kernel;
         let domain = self.identity.domain_index;
         match change {
             KernelChange::Route { writer, slots } => kernel.set_route(writer, slots),
@@ -257,7 +258,8 @@ impl DomainHost {
             } => kernel.peers.keep(prefix, &addresses, supervised),
             KernelChange::ForgetPeer(prefix) => kernel.peers.forget(prefix),
             KernelChange::Announcement(submessages) => {
-                kernel.discovery.announce(domain, &submessages)
+                let interfaces = effects.interfaces;
+                kernel.discovery.announce(domain, submessages, interfaces)
             }
             KernelChange::Sample {
                 writer,

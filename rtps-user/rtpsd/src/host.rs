@@ -346,6 +346,9 @@ impl Host {
         if let Err(error) = attachment.describe(&self.interfaces, &mut self.kernel) {
             error!("{error:#}");
         }
+        if let Err(error) = self.kernel.discovery.announce_on(&self.interfaces) {
+            error!("{error:#}");
+        }
         for domain in &mut self.domains {
             domain.set_addresses(now, &self.interfaces);
         }

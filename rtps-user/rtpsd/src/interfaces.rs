@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::fs;
-use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 
 use anyhow::{Context, Result, bail};
@@ -65,6 +65,29 @@ impl Interface {
         let is_same_family = |ip: &&IpAddr| ip.is_ipv6() == group.is_ipv6();
         addresses.find(is_same_family).copied()
     }
+}
+
+/// The addresses of the interface that datagrams to a unicast address leave through; `None` where that is none of these.
+pub(crate) fn addresses_towards(interfaces: &[Interface], to: SocketAddr) -> Option<&[IpAddr]> {
+    let link = ipv6::interface_of(to.ip());
+    let source = source_towards(to);
+    let mut interfaces = interfaces.iter();
+    let found = interfaces.find(|known| {
+        known.index == link || source.is_some_and(|source| known.addresses.contains(&source))
+    });
+    found.map(|interface| interface.addresses.as_slice())
+}
+
+/// The address that the kernel would send from.
+fn source_towards(to: SocketAddr) -> Option<IpAddr> {
+    let any: IpAddr = match to {
+        SocketAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
+        SocketAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
+    };
+    let socket = UdpSocket::bind((any, 0)).ok()?;
+    socket.connect(ipv6::to_socket(to)).ok()?;
+    let local = socket.local_addr().ok()?;
+    Some(ipv6::from_socket(local).ip())
 }
 
 /// The most bytes of UDP payload that no interface has to fragment, whichever family carries it.
@@ -164,8 +187,6 @@ impl AsFd for AddressWatch {
 
 #[cfg(test)]
 mod tests {
-    use std::net::Ipv6Addr;
-
     use super::*;
 
     fn interface(mtu: u32) -> Interface {
@@ -198,6 +219,31 @@ mod tests {
             interface.source([239, 255, 0, 1].into()),
             Some([10, 0, 0, 1].into())
         );
+    }
+
+    #[test]
+    fn unicast_leaves_through_the_interface_of_its_source() {
+        let addressed = |index, address: &str| Interface {
+            index,
+            addresses: vec![address.parse().unwrap()],
+            ..interface(1500)
+        };
+        let interfaces = [
+            addressed(7, "10.0.0.1"),
+            addressed(1, "127.0.0.1"),
+            addressed(9, "fd00::1"),
+        ];
+        let towards = |to: &str| addresses_towards(&interfaces, to.parse().unwrap());
+        assert_eq!(
+            towards("127.0.0.1:7410"),
+            Some(&interfaces[1].addresses[..])
+        );
+        assert_eq!(
+            towards("[fe80:0:0:9::1]:7410"),
+            Some(&interfaces[2].addresses[..])
+        );
+        let elsewhere = addresses_towards(&interfaces[..1], ([127, 0, 0, 1], 7410).into());
+        assert_eq!(elsewhere, None);
     }
 
     #[test]

@@ -12,11 +12,12 @@ use std::os::fd::{AsFd, AsRawFd};
 use anyhow::{Context, Result, bail};
 use aya::programs::SocketFilter;
 use nix::sys::socket::{ControlMessage, MsgFlags, SockaddrIn, SockaddrIn6, sendmsg};
+use rtps_user::discovery::for_interface;
 use rtps_user::ipv6;
 use socket2::{Domain, InterfaceIndexOrAddress, Protocol, SockRef, Socket, Type};
 use tracing::{debug, info, warn};
 
-use crate::interfaces::{Interface, LOOPBACK_INDEX};
+use crate::interfaces::{Interface, LOOPBACK_INDEX, addresses_towards};
 use crate::sys;
 
 /// The IPv4 group of SPDP and, by default, of user multicast (RTPS 2.5, 9.6.2.4).
@@ -192,7 +193,8 @@ impl DomainSockets {
     }
 
     /// Sends a datagram from the metatraffic port; to a group: out of every interface with an address of the group's
-    /// family. What cannot be sent now is lost, as the network might have lost it.
+    /// family. An announcement names that interface's addresses first. What cannot be sent now is lost, as the network
+    /// might have lost it.
     pub(crate) fn send(&self, datagram: &[u8], destination: SocketAddr, interfaces: &[Interface]) {
         let family = match destination {
             SocketAddr::V4(_) => Some(&self.v4),
@@ -204,15 +206,18 @@ impl DomainSockets {
         };
         let socket = &family.unicast.metatraffic;
         if !destination.ip().is_multicast() {
-            if let Err(error) = socket.send_to(datagram, ipv6::to_socket(destination)) {
+            let datagram = for_interface(datagram, || addresses_towards(interfaces, destination));
+            if let Err(error) = socket.send_to(&datagram, ipv6::to_socket(destination)) {
                 debug!(%destination, "cannot send: {error}");
             }
             return;
         }
         for interface in interfaces {
-            if let Some(source) = interface.source(destination.ip())
-                && let Err(error) = send_out_of(socket, datagram, destination, interface, source)
-            {
+            let Some(source) = interface.source(destination.ip()) else {
+                continue;
+            };
+            let datagram = for_interface(datagram, || Some(&interface.addresses));
+            if let Err(error) = send_out_of(socket, &datagram, destination, interface, source) {
                 debug!(%destination, interface = interface.name, "cannot send: {error}");
             }
         }

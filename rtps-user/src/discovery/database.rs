@@ -90,7 +90,7 @@ impl Database {
         let Some(known) = self.participants.get_mut(&prefix) else {
             return self.announce_new(now, source, data, is_answered);
         };
-        let is_changed = known.data != data;
+        let is_changed = !known.data.says_the_same(&data);
         if is_changed {
             known.update(source, &self.origins, data);
             self.leases.revoke(prefix, &known.lease);
@@ -298,6 +298,23 @@ mod tests {
             assert!(database.is_foreign(prefix, other));
         }
         assert!(!database.is_foreign(GuidPrefix([2; 12]), ELSEWHERE));
+    }
+
+    #[test]
+    fn the_order_of_locators_is_no_change() {
+        let now = Instant::now();
+        let mut database = database(3);
+        let mut announced = data(1);
+        let locators = [[10, 0, 0, 1], [10, 0, 1, 1]].map(|ip| SocketAddr::from((ip, 7411)));
+        announced.default_unicast = locators.to_vec();
+        database.announce(now, SOURCE, announced.clone(), false);
+        announced.default_unicast.reverse();
+        let other_link = locators[1].ip();
+        let again = database.announce(now, other_link, announced.clone(), false);
+        assert_eq!(again, Announced::Unchanged);
+        announced.default_unicast.pop();
+        let fewer = database.announce(now, other_link, announced, false);
+        assert_eq!(fewer, Announced::Changed);
     }
 
     #[test]

@@ -6,6 +6,7 @@
 //! [`poll_timeout`](Discovery::poll_timeout). Events come before the datagrams that depend on them, so that what an
 //! event tells can be stored before a remote participant learns that we know it.
 
+mod announcement;
 mod budget;
 mod builtin;
 mod config;
@@ -29,6 +30,7 @@ use std::collections::VecDeque;
 use std::net::{IpAddr, SocketAddr};
 use std::time::{Duration, Instant};
 
+pub use announcement::{for_interface, prefer_addresses};
 pub use config::{DiscoveryConfig, DiscoveryLimits};
 use database::Database;
 pub use endpoint_data::EndpointData;

@@ -150,6 +150,19 @@ impl ParticipantData {
         Ok(true)
     }
 
+    /// Whether both say the same but for the order of locators: a host on several networks names those first that
+    /// can be reached on the network that it announces itself on.
+    pub fn says_the_same(&self, other: &Self) -> bool {
+        let sorted = |data: &Self| {
+            let mut data = data.clone();
+            data.metatraffic_unicast.sort_unstable();
+            data.metatraffic_multicast.sort_unstable();
+            data.default_unicast.sort_unstable();
+            data
+        };
+        self == other || sorted(self) == sorted(other)
+    }
+
     /// Appends the serialized payload, PL_CDR_LE.
     pub fn encode(&self, out: &mut Vec<u8>) {
         let mut list = ParameterWriter::payload(out);

@@ -92,8 +92,8 @@ fn remotes_on_two_links() -> Result<()> {
     let subscriber = format!("--sub {common} --linger 0.5");
     let subscribers = [
         stage.cyclone(&subscriber)?,
-        // Cyclone DDS would send to the first address that we announce, which is not on its link.
-        stage.app(&others, Layer::InProcess, &subscriber)?,
+        // It sends to the first address that we announce, which therefore has to be the one on its link.
+        stage.cyclone_on(&others, &subscriber)?,
     ];
     let publisher = format!("--pub {common} --wait-match 2");
     let mut publisher = stage.app(&stage.ours, Layer::Kernel, &publisher)?;

@@ -20,8 +20,8 @@ use nix::{
 use rtps_ebpf::{
     ABI_VERSION,
     abi::{
-        Announcement, BuiltinWriter, Config, DISCOVERY_KERNEL, DOORBELL_RING, Interface,
-        PEER_PROVEN, Peer, SUBMESSAGE_BYTES, Sample, SampleKey, name,
+        Announcement, AnnouncementKey, BuiltinWriter, Config, DISCOVERY_KERNEL, DOORBELL_RING,
+        Interface, PEER_PROVEN, Peer, SUBMESSAGE_BYTES, Sample, SampleKey, name,
     },
     entity::GuidPrefix,
     frame::mapped,
@@ -127,7 +127,11 @@ impl Stage {
             len,
             reserved: 0,
         };
-        self.layer.set(name::ANNOUNCEMENTS, DOMAIN, announcement)?;
+        let key = AnnouncementKey {
+            domain_index: DOMAIN,
+            ifindex: self.ifindex,
+        };
+        self.layer.insert(name::ANNOUNCEMENTS, key, announcement)?;
         (0..3).try_for_each(|number| self.publish(number, 1, 0))
     }
 

@@ -43,7 +43,7 @@ impl<M: Packet> Conversation<'_, M> {
         let mut listening = Listening {
             exchange: &mut *self.exchange,
             message: self.message,
-            world: DomainWorld(self.scratch.header.domain_index),
+            world: DomainWorld::of(&self.scratch.header),
         };
         repeat(TURNS, &mut listening);
         self.settle()
@@ -169,7 +169,7 @@ impl<V: Voice> Repeat for Speaking<'_, V> {
         self.exchange.open();
         let mut filling = Filling {
             exchange: &mut *self.exchange,
-            world: DomainWorld(self.header.domain_index),
+            world: DomainWorld::of(self.header),
         };
         repeat(FILL_TURNS, &mut filling);
         if !self.exchange.has_datagram() {

@@ -95,6 +95,35 @@ fn every_byte_of_an_announcement_counts() {
 }
 
 #[test]
+fn the_order_of_parameters_is_no_change() {
+    let host = Host::new();
+    for little in [false, true] {
+        let mut parameters = announcement(little);
+        parameters.push(locator(!little, [10, 0, 1, 9], PORT));
+        let message = |parameters: &[_]| Message::new(little).announce(parameters);
+        let mut known = host.play(setting(), None, &message(&parameters)).peer;
+        known.flags |= PEER_PROVEN;
+        let outcome = |parameters: &[_]| {
+            let played = host.play(setting(), Some(&known), &message(parameters));
+            played.outcome
+        };
+        for _ in 0..parameters.len() {
+            parameters.rotate_left(1);
+            assert_eq!(outcome(&parameters), QUIET);
+        }
+        let [version, .., domain, _] = &parameters[..] else {
+            panic!("{parameters:?}");
+        };
+        let exchanged = [(version.0, domain.1.clone()), (domain.0, version.1.clone())];
+        let exchanged = [&parameters[1..4], &parameters[5..], &exchanged].concat();
+        assert_eq!(outcome(&exchanged), NEWS, "values exchanged");
+        let twice = [&parameters[..], &parameters[..1]].concat();
+        assert_eq!(outcome(&twice), NEWS, "one more");
+        assert_eq!(outcome(&parameters[1..]), NEWS, "one less");
+    }
+}
+
+#[test]
 fn announcements_that_are_too_long_to_compare_are_always_news() {
     let host = Host::new();
     let mut parameters = announcement(true);

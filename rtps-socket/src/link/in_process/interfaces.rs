@@ -1,7 +1,7 @@
 //! The interfaces that the in-process layer uses: all that are up and have an address, as of now.
 
 use std::collections::BTreeMap;
-use std::net::IpAddr;
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::{fs, io};
 
 use nix::ifaddrs::getifaddrs;
@@ -37,6 +37,29 @@ impl Interface {
         let is_same_family = |ip: &&IpAddr| ip.is_ipv6() == group.is_ipv6();
         addresses.find(is_same_family).copied()
     }
+}
+
+/// The addresses of the interface that datagrams to a unicast address leave through; `None` where that is none of these.
+pub(super) fn addresses_towards(interfaces: &[Interface], to: SocketAddr) -> Option<&[IpAddr]> {
+    let link = ipv6::interface_of(to.ip());
+    let source = source_towards(to);
+    let mut interfaces = interfaces.iter();
+    let found = interfaces.find(|known| {
+        known.index == link || source.is_some_and(|source| known.addresses.contains(&source))
+    });
+    found.map(|interface| interface.addresses.as_slice())
+}
+
+/// The address that the kernel would send from.
+fn source_towards(to: SocketAddr) -> Option<IpAddr> {
+    let any: IpAddr = match to {
+        SocketAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
+        SocketAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),
+    };
+    let socket = UdpSocket::bind((any, 0)).ok()?;
+    socket.connect(ipv6::to_socket(to)).ok()?;
+    let local = socket.local_addr().ok()?;
+    Some(ipv6::from_socket(local).ip())
 }
 
 /// The interfaces that are up and that the environment does not exclude.
@@ -103,6 +126,27 @@ mod tests {
         let chosen = up_among(Some("nosuch0, lo")).unwrap();
         assert_eq!(chosen, std::slice::from_ref(loopback));
         assert_eq!(up_among(Some("nosuch0")).unwrap(), []);
+    }
+
+    #[test]
+    fn unicast_leaves_through_the_interface_of_its_source() {
+        let addressed = |index, address: &str| Interface {
+            index,
+            addresses: vec![address.parse().unwrap()],
+            is_loopback: false,
+            mtu: 1500,
+        };
+        let interfaces = [addressed(7, "10.0.0.1"), addressed(1, "127.0.0.1")];
+        let towards = |to: &str| addresses_towards(&interfaces, to.parse().unwrap());
+        assert_eq!(
+            towards("127.0.0.1:7410"),
+            Some(&interfaces[1].addresses[..])
+        );
+        assert_eq!(
+            towards("[fe80:0:0:7::1]:7410"),
+            Some(&interfaces[0].addresses[..])
+        );
+        assert_eq!(towards("[::1]:7410"), None);
     }
 
     #[test]

@@ -16,6 +16,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use rtps_ebpf::SlotSet;
+use rtps_user::discovery::for_interface;
 use rtps_user::layer::protocol::{FromLayer, Hello, LAYER_PROTOCOL_VERSION, ToLayer};
 use rtps_user::layer::{Layer, LayerConfig, LayerOutput};
 use rtps_user::wire::GuidPrefix;
@@ -129,22 +130,32 @@ impl InProcessLink {
             let socket = &sockets.metatraffic;
             if destination.ip().is_multicast() {
                 self.send_to_group(socket, *destination);
-            } else if let Err(error) = socket.send_to(&self.outgoing, ipv6::to_socket(*destination))
-            {
-                log_send_error(*destination, self.outgoing.len(), &error);
+            } else {
+                self.send_to_one(socket, *destination);
             }
         }
     }
 
-    /// Sends to a group on every interface: which of them leads to others nobody knows.
+    /// Sends to an address; an announcement names the addresses first of the interface that leads there.
+    fn send_to_one(&self, socket: &UdpSocket, to: SocketAddr) {
+        let addresses = || interfaces::addresses_towards(&self.interfaces, to);
+        let datagram = for_interface(&self.outgoing, addresses);
+        if let Err(error) = socket.send_to(&datagram, ipv6::to_socket(to)) {
+            log_send_error(to, datagram.len(), &error);
+        }
+    }
+
+    /// Sends to a group on every interface, announcements with that interface's addresses first: which of them leads
+    /// to others nobody knows.
     fn send_to_group(&self, socket: &UdpSocket, group: SocketAddr) {
         for interface in &self.interfaces {
             let Some(source) = interface.source(group.ip()) else {
                 continue;
             };
             let from = (interface.index, ipv6::without_interface(source));
-            if let Err(error) = udp::send_multicast(socket, from, group, &self.outgoing) {
-                log_send_error(group, self.outgoing.len(), &error);
+            let datagram = for_interface(&self.outgoing, || Some(&interface.addresses));
+            if let Err(error) = udp::send_multicast(socket, from, group, &datagram) {
+                log_send_error(group, datagram.len(), &error);
             }
         }
     }

@@ -2,25 +2,30 @@
 //! who it is on each Ethernet.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::net::IpAddr;
 
 use anyhow::{Context, Result};
 use aya::maps::{Array, HashMap, MapData};
 use rtps_ebpf::abi::{
-    Announcement, BUILTIN_WRITERS, BuiltinWriter, Interface, SUBMESSAGE_BYTES, Sample, SampleKey,
-    WRITER_INCOMPLETE, name,
+    Announcement, AnnouncementKey, BUILTIN_WRITERS, BuiltinWriter, Interface, SUBMESSAGE_BYTES,
+    Sample, SampleKey, WRITER_INCOMPLETE, name,
 };
+use rtps_user::discovery::prefer_addresses;
 use rtps_user::wire::{EntityId, SequenceNumber};
 use tracing::warn;
 
 use super::{builtin_writer, ignore_missing, open, replace};
+use crate::interfaces;
 use crate::pins::PinFolder;
 
 /// All of them.
 pub(crate) struct DiscoveryMaps {
     interfaces: HashMap<MapData, u32, Interface>,
-    announcements: Array<MapData, Announcement>,
+    announcements: HashMap<MapData, AnnouncementKey, Announcement>,
     writers: Array<MapData, BuiltinWriter>,
     samples: HashMap<MapData, SampleKey, Sample>,
+    /// What is announced in each domain, by its index.
+    announced: BTreeMap<u32, Vec<u8>>,
     /// What this rtpsd has put into `samples`.
     kept: BTreeSet<SampleKey>,
     /// What found no room there.
@@ -44,6 +49,7 @@ impl DiscoveryMaps {
             announcements: open(folder, name::ANNOUNCEMENTS)?,
             writers: open(folder, name::WRITERS)?,
             samples: open(folder, name::SAMPLES)?,
+            announced: BTreeMap::new(),
             kept: BTreeSet::new(),
             missing: BTreeSet::new(),
         })
@@ -60,17 +66,29 @@ impl DiscoveryMaps {
         self.interfaces.keys().filter_map(Result::ok).collect()
     }
 
-    /// What unknown participants are answered with; rtpsd answers where it is empty or too long.
-    pub(crate) fn announce(&mut self, domain_index: u32, submessages: &[u8]) -> Result<()> {
-        let (bytes, len) = padded(submessages);
-        let announcement = Announcement {
-            bytes,
-            len,
-            reserved: 0,
-        };
-        self.announcements
-            .set(domain_index, announcement, 0)
-            .context("map `announcements`")
+    /// What unknown participants are answered with on these interfaces; rtpsd answers where it is empty or too long.
+    pub(crate) fn announce(
+        &mut self,
+        domain_index: u32,
+        submessages: Vec<u8>,
+        interfaces: &[interfaces::Interface],
+    ) -> Result<()> {
+        self.announced.insert(domain_index, submessages);
+        self.announce_on(interfaces)
+    }
+
+    /// The interfaces, or their addresses, may be others than before.
+    pub(crate) fn announce_on(&mut self, interfaces: &[interfaces::Interface]) -> Result<()> {
+        let entries = self.announced.iter().flat_map(|(domain_index, announced)| {
+            interfaces.iter().map(|interface| {
+                let key = AnnouncementKey {
+                    domain_index: *domain_index,
+                    ifindex: interface.index,
+                };
+                (key, announcement(announced, &interface.addresses))
+            })
+        });
+        replace(&mut self.announcements, entries).context("map `announcements`")
     }
 
     /// Keeps a sample for those that ask for it. Where there is no room for it, the kernel leaves all who ask for
@@ -169,6 +187,18 @@ impl DiscoveryMaps {
             return Ok(());
         }
         self.writers.set(index, after, 0).context("map `writers`")
+    }
+}
+
+/// What is announced on an interface with these addresses.
+fn announcement(submessages: &[u8], addresses: &[IpAddr]) -> Announcement {
+    let mut submessages = submessages.to_vec();
+    prefer_addresses(&mut submessages, addresses);
+    let (bytes, len) = padded(&submessages);
+    Announcement {
+        bytes,
+        len,
+        reserved: 0,
     }
 }
 

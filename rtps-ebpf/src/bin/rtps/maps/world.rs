@@ -7,8 +7,8 @@ use aya_ebpf::{
 };
 use rtps_ebpf::{
     abi::{
-        self, Announcement, BUILTIN_WRITERS, BuiltinWriter, Interface, SUBMESSAGE_BYTES, Sample,
-        SampleKey,
+        self, Announcement, AnnouncementKey, BUILTIN_WRITERS, BuiltinWriter, Interface,
+        RecordHeader, SUBMESSAGE_BYTES, Sample, SampleKey,
     },
     discovery::World,
 };
@@ -18,7 +18,12 @@ use crate::sys;
 #[btf_map(name = "interfaces")]
 static INTERFACES: HashMap<u32, Interface, { abi::INTERFACES as usize }> = HashMap::new();
 #[btf_map(name = "announcements")]
-static ANNOUNCEMENTS: Array<Announcement, { abi::DOMAINS as usize }> = Array::new();
+static ANNOUNCEMENTS: HashMap<
+    AnnouncementKey,
+    Announcement,
+    { abi::ANNOUNCEMENTS as usize },
+    { BPF_F_NO_PREALLOC as usize },
+> = HashMap::new();
 #[btf_map(name = "writers")]
 static WRITERS: Array<BuiltinWriter, { (abi::DOMAINS * BUILTIN_WRITERS) as usize }> = Array::new();
 #[btf_map(name = "samples")]
@@ -36,20 +41,34 @@ pub(crate) fn interface(ifindex: u32) -> Option<&'static Interface> {
     unsafe { INTERFACES.get(ifindex) }
 }
 
-/// One domain's built-in writers, by its index.
+/// What the host says in one domain on one interface.
 #[derive(Clone, Copy)]
-pub(crate) struct DomainWorld(pub(crate) u32);
+pub(crate) struct DomainWorld {
+    domain_index: u32,
+    ifindex: u32,
+}
+
+impl DomainWorld {
+    /// Where the message of this record came in.
+    #[inline(always)]
+    pub(crate) fn of(header: &RecordHeader) -> Self {
+        Self {
+            domain_index: header.domain_index,
+            ifindex: header.ifindex,
+        }
+    }
+}
 
 impl World for DomainWorld {
     #[inline(always)]
     fn writer(&self, writer: u32) -> Option<&BuiltinWriter> {
-        WRITERS.get(self.0 * BUILTIN_WRITERS + writer)
+        WRITERS.get(self.domain_index * BUILTIN_WRITERS + writer)
     }
 
     #[inline(always)]
     fn sample(&self, writer: u32, sequence: u64) -> Option<&Sample> {
         let key = SampleKey {
-            domain_index: self.0,
+            domain_index: self.domain_index,
             writer,
             sequence,
         };
@@ -60,7 +79,13 @@ impl World for DomainWorld {
 
     #[inline(always)]
     fn announcement(&self) -> Option<&Announcement> {
-        ANNOUNCEMENTS.get(self.0)
+        let key = AnnouncementKey {
+            domain_index: self.domain_index,
+            ifindex: self.ifindex,
+        };
+        // SAFETY: rtpsd replaces an announcement as a whole, and the kernel frees the old one only when no
+        // program runs any more that may have found it.
+        unsafe { ANNOUNCEMENTS.get(key) }
     }
 
     #[inline(always)]
