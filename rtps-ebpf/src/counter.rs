@@ -92,6 +92,8 @@ counters! {
     Strangers => "strangers",
     /// Announcements of unknown participants not looked at: too many in all, or from one address.
     BudgetNew => "budget_new",
+    /// Messages of strangers that did not count, because they brought too much that is new.
+    BudgetNews => "budget_news",
     /// Answers not sent: too many bytes to one participant.
     BudgetPeer => "budget_peer",
     /// Answers not sent: too many bytes to participants that only the kernel knows.

@@ -170,13 +170,15 @@ pub struct Sample {
 }
 
 /// Budgets in `budgets`.
-pub const BUDGETS: u32 = 3;
+pub const BUDGETS: u32 = 4;
 /// Bytes of all answers.
 pub const BUDGET_ALL: u32 = 0;
 /// Bytes of answers to strangers.
 pub const BUDGET_STRANGERS: u32 = 1;
 /// Strangers that are remembered, told and answered.
 pub const BUDGET_NEW: u32 = 2;
+/// Messages of strangers that rtpsd is given.
+pub const BUDGET_NEWS: u32 = 3;
 
 const _: () = {
     assert!(size_of::<RemoteWriter>() == 16);

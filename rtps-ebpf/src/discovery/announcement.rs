@@ -8,7 +8,7 @@ use core::ops::ControlFlow;
 
 use super::{answer::PROLOGUE_LEN, exchange::Exchange, world::World};
 use crate::{
-    abi::{PEER_PROVEN, Peer, RemoteReader, RemoteWriter},
+    abi::{PEER_ANY_ADDRESS, PEER_PROVEN, Peer, RemoteReader, RemoteWriter},
     bytes::Bytes,
     frame::mapped,
     submessage::{Submessage, flag, part},
@@ -25,6 +25,7 @@ const HASH_FACTOR: u64 = 0x9e37_79b9_7f4a_7c15;
 
 const PID_SENTINEL: u16 = 0x0001;
 const PID_DOMAIN_ID: u16 = 0x000f;
+const PID_DEFAULT_UNICAST_LOCATOR: u16 = 0x0031;
 const PID_METATRAFFIC_UNICAST_LOCATOR: u16 = 0x0032;
 const PID_PARTICIPANT_GUID: u16 = 0x0050;
 const PID_STATUS_INFO: u16 = 0x0071;
@@ -65,6 +66,8 @@ pub(super) struct Reading {
     parameters: u32,
     /// Its metatraffic port at the source of the datagram; 0 for none.
     port: u32,
+    /// Addresses that it announces beside its source.
+    addresses: u32,
     /// Of the submessage.
     flags: u8,
     is_little_endian: bool,
@@ -94,6 +97,7 @@ impl Reading {
         parameter_end: 0,
         parameters: 0,
         port: 0,
+        addresses: 0,
         flags: 0,
         is_little_endian: false,
         is_gone: false,
@@ -229,18 +233,14 @@ impl Reading {
         }
     }
 
-    /// A locator of the participant, which a port is taken from if it lies at `source`.
+    /// Address and port of a locator.
     #[inline(always)]
-    fn locator(&mut self, locator: [u8; 24], source: &[u8; 16]) {
-        let kind = self.u32(part(&locator, 0));
+    fn locator(&self, locator: [u8; 24]) -> Option<([u8; 16], u32)> {
         let port = self.u32(part(&locator, 4));
-        let address = match kind {
-            LOCATOR_KIND_UDP_V4 => mapped(part(&locator, 20)),
-            LOCATOR_KIND_UDP_V6 => part(&locator, 8),
-            _ => return,
-        };
-        if self.port == 0 && port <= u32::from(u16::MAX) && address == *source {
-            self.port = port;
+        match self.u32(part(&locator, 0)) {
+            LOCATOR_KIND_UDP_V4 => Some((mapped(part(&locator, 20)), port)),
+            LOCATOR_KIND_UDP_V6 => Some((part(&locator, 8), port)),
+            _ => None,
         }
     }
 }
@@ -330,6 +330,10 @@ impl Exchange {
         reading.at += 4;
         reading.parameters = 0;
         reading.stage = Stage::Parameters;
+        if !self.is_known {
+            self.peer = Peer::default();
+            self.peer.addresses[0] = self.setting.source;
+        }
         ControlFlow::Continue(())
     }
 
@@ -342,10 +346,9 @@ impl Exchange {
         let Some(Parameter { id, value, len }) = self.reading.parameter(message) else {
             return ControlFlow::Break(());
         };
-        let reading = &mut self.reading;
         match id {
             PID_SENTINEL => {
-                if reading.is_own {
+                if self.reading.is_own {
                     self.announced(world);
                 }
                 return ControlFlow::Break(());
@@ -357,15 +360,16 @@ impl Exchange {
                 if prefix != self.setting.sender {
                     return ControlFlow::Break(());
                 }
-                reading.is_own = true;
+                self.reading.is_own = true;
             }
-            PID_METATRAFFIC_UNICAST_LOCATOR if len >= 24 => {
+            PID_METATRAFFIC_UNICAST_LOCATOR | PID_DEFAULT_UNICAST_LOCATOR if len >= 24 => {
                 if let Some(locator) = message.load::<24>(value) {
-                    reading.locator(locator, &self.setting.source);
+                    self.note_locator(locator, id == PID_METATRAFFIC_UNICAST_LOCATOR);
                 }
             }
             // A string's length counts its NUL.
             PID_DOMAIN_ID | PID_DOMAIN_TAG if len >= 4 => {
+                let reading = &mut self.reading;
                 let number = message
                     .load::<4>(value)
                     .map_or(0, |bytes| reading.u32(bytes));
@@ -377,14 +381,36 @@ impl Exchange {
             }
             _ => {}
         }
-        if reading.parameters < MAX_PARAMETERS {
+        if self.reading.parameters < MAX_PARAMETERS {
             return ControlFlow::Continue(());
         }
-        if reading.is_own {
+        if self.reading.is_own {
             self.announced(world);
         }
         self.pass_on();
         ControlFlow::Break(())
+    }
+
+    /// A locator of the participant: a port to answer to if it lies at the source, and an address that it may send
+    /// from.
+    #[inline(always)]
+    fn note_locator(&mut self, locator: [u8; 24], is_metatraffic: bool) {
+        let reading = &mut self.reading;
+        let Some((address, port)) = reading.locator(locator) else {
+            return;
+        };
+        let is_port = port <= u32::from(u16::MAX);
+        if is_metatraffic && reading.port == 0 && is_port && address == self.setting.source {
+            reading.port = port;
+        }
+        if self.is_known || self.peer.addresses.contains(&address) {
+            return;
+        }
+        reading.addresses += 1;
+        match self.peer.addresses.get_mut(reading.addresses as usize) {
+            Some(free) => *free = address,
+            None => self.peer.flags |= PEER_ANY_ADDRESS,
+        }
     }
 
     /// A participant that is new, or says something new.
@@ -393,9 +419,11 @@ impl Exchange {
         if !self.is_known {
             self.is_known = true;
             self.is_new = true;
-            self.peer = Peer::default();
             self.peer.last_seen_ns = self.setting.now_ns;
-            self.peer.addresses[0] = self.setting.source;
+            // What comes from this host may come from any address of it, and from nobody else.
+            if self.setting.is_local {
+                self.peer.flags |= PEER_ANY_ADDRESS;
+            }
             self.forget_progress();
         }
         let reading = &self.reading;

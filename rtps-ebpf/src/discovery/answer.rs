@@ -126,9 +126,9 @@ impl Answer {
 
     /// ACKNACK that asks for the `bits` numbers from `base` on, at most 256.
     #[inline(always)]
-    pub(super) fn acknack(&mut self, ends: Ends, base: u64, bits: u32, count: u32) {
+    pub(super) fn acknack(&mut self, ends: Ends, base: u64, bits: u32, count: u32, is_final: bool) {
         let words = words(bits);
-        self.head(id::ACKNACK, final_flag(bits == 0), 24 + 4 * words as u8);
+        self.head(id::ACKNACK, final_flag(is_final), 24 + 4 * words as u8);
         self.ends(ends);
         self.number(base);
         self.put(bits.to_le_bytes());

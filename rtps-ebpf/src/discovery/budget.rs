@@ -12,6 +12,8 @@ pub struct Budget {
 
 /// Bytes of answers to one participant: 2 MB a second, 1 MB at once.
 pub const PEER: Budget = Budget::new(500, 1_000_000);
+/// The same as long as it has not shown that it hears us, and may be an invention: 4 kB a second, 16 kB at once.
+pub const UNPROVEN: Budget = Budget::new(250_000, 16_384);
 /// Bytes of answers to all strangers: 4 MB a second, 2 MB at once.
 pub const STRANGERS: Budget = Budget::new(250, 2_000_000);
 /// Bytes of all answers: 16 MB a second, 8 MB at once.
@@ -20,6 +22,9 @@ pub const ALL: Budget = Budget::new(62, 8_000_000);
 pub const NEW: Budget = Budget::new(1_000_000, 2_048);
 /// The same from one address: 200 a second, 1,024 at once.
 pub const SOURCE: Budget = Budget::new(5_000_000, 1_024);
+
+/// Messages of all strangers that rtpsd is given: 4,000 a second, 16,384 at once.
+pub const NEWS: Budget = Budget::new(250_000, 16_384);
 
 impl Budget {
     const fn new(ns_per_unit: u64, burst: u64) -> Self {

@@ -47,6 +47,8 @@ pub struct Setting {
     pub end: u32,
     /// Whether an answer may go to where the message came from.
     pub may_answer: bool,
+    /// The datagram came from an address of this host.
+    pub is_local: bool,
 }
 
 /// What comes of a message.
@@ -85,6 +87,8 @@ pub(super) struct Acknack {
     /// The last number that the writer has announced.
     pub(super) last: u64,
     pub(super) is_due: bool,
+    /// The writer is to say what it has.
+    pub(super) is_greeting: bool,
 }
 
 /// The exchange over one message of one sender.
@@ -306,12 +310,16 @@ impl Exchange {
             return;
         };
         // To ask an unproven sender for its samples costs no more than to greet it; they are not taken yet.
-        if self.is_known && (self.is_proven() || submessage.id == id::HEARTBEAT) {
+        let can_ask = self.setting.may_answer && self.peer.reply_port != 0;
+        let is_askable = submessage.id == id::HEARTBEAT && can_ask;
+        if self.is_known && (self.is_proven() || is_askable) {
             self.take(message, submessage, &fields, number);
         }
     }
 
     /// Whether the sender takes part in the reliable protocol: it has named us, and so has got something from us.
+    /// From then on its samples are taken. If it knew us before it may think that we have them all, and be silent:
+    /// so its writers are greeted.
     #[inline(always)]
     fn is_proven(&mut self) -> bool {
         if self.peer.flags & PEER_PROVEN == 0 {
@@ -320,6 +328,10 @@ impl Exchange {
             }
             self.peer.flags |= PEER_PROVEN;
             self.has_news = true;
+            for acknack in &mut self.acknacks {
+                acknack.is_due = true;
+                acknack.is_greeting = true;
+            }
         }
         true
     }
@@ -415,11 +427,17 @@ impl Exchange {
             writer.next = writer.next.max(first);
         }
         let next = writer.next;
-        if writer.flags & WRITER_FRAGMENTED != 0 || first > next {
+        let is_beyond_us = writer.flags & WRITER_FRAGMENTED != 0 || first > next;
+        let Some(acknack) = self.acknacks.get_mut(number as usize) else {
+            return;
+        };
+        // It has said what it has.
+        if acknack.is_greeting {
+            *acknack = Acknack::NONE;
+        }
+        if is_beyond_us {
             self.is_passed_on |= is_proven;
-        } else if (last >= next || !submessage.is_final())
-            && let Some(acknack) = self.acknacks.get_mut(number as usize)
-        {
+        } else if last >= next || !submessage.is_final() {
             acknack.is_due = true;
             acknack.last = acknack.last.max(last);
         }
@@ -457,6 +475,7 @@ impl Acknack {
     pub(super) const NONE: Self = Self {
         last: 0,
         is_due: false,
+        is_greeting: false,
     };
 }
 

@@ -20,6 +20,9 @@ use crate::{
 /// A set cannot begin where not all of its numbers would exist.
 const MAX_BASE: u64 = i64::MAX as u64 - MAX_BITS as u64;
 
+/// Fast DDS answers an empty ACKNACK only if it begins at 0, which others take for malformed.
+const FAST_DDS: [u8; 2] = [0x01, 0x0f];
+
 /// What is to be said next.
 #[repr(u32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -149,7 +152,12 @@ impl Exchange {
             let bits = missing.min(MAX_BITS.into()) as u32;
             writer.acknack_count = next_count(writer.acknack_count, self.setting.age_ns);
             let ends = ends(number);
-            self.answer.acknack(ends, base, bits, writer.acknack_count);
+            let is_greeting = acknack.is_greeting && bits == 0;
+            let is_fast_dds = self.setting.sender[..2] == FAST_DDS && base == 1;
+            let base = if is_greeting && is_fast_dds { 0 } else { base };
+            let is_final = bits == 0 && !is_greeting;
+            self.answer
+                .acknack(ends, base, bits, writer.acknack_count, is_final);
         }
         self.speech.next_or(Topic::Gap);
         ControlFlow::Continue(())

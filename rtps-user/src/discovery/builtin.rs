@@ -89,7 +89,7 @@ fn qos() -> Qos {
 pub(super) fn endpoints(config: &DiscoveryConfig, now: Instant) -> Endpoints {
     let count_clock = Some(CountClock::new(now, config.count_age));
     // The low-level layer keeps the HEARTBEATs to itself that would tell that a greeting has been answered.
-    let max_greetings = if config.kernel_discovery { 1 } else { u32::MAX };
+    let max_greetings = if config.kernel_discovery { 3 } else { u32::MAX };
     let prefix = config.participant.prefix;
     let mut endpoints = Endpoints::new(prefix);
     for topic in &TOPICS {

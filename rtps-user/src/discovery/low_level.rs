@@ -115,8 +115,9 @@ impl Discovery {
         noted
     }
 
-    /// Tells which of the noted writers have got further.
-    pub(super) fn tell_progress(&mut self, noted: Vec<Progress>) {
+    /// Tells which of the noted writers have got further, and of what the low-level layer has not answered how far they
+    /// all have got.
+    pub(super) fn tell_progress(&mut self, noted: Vec<Progress>, is_answered: bool) {
         for Progress {
             reader,
             writer,
@@ -125,7 +126,7 @@ impl Discovery {
         {
             let reader = self.endpoints.reader(reader);
             let now = reader.and_then(|reader| reader.progress(writer));
-            if let (true, Some(next)) = (now != before, now) {
+            if let (true, Some(next)) = (!is_answered || now != before, now) {
                 self.events
                     .push_back(DiscoveryEvent::Overtaken { writer, next });
             }

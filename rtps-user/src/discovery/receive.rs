@@ -1,7 +1,7 @@
 //! What arrives: datagrams, and the samples that the built-in readers make of them.
 
 use std::net::SocketAddr;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use super::builtin;
 use super::database::Announced;
@@ -14,6 +14,9 @@ use crate::reader::{Sample, Selection};
 use crate::wire::{
     EntityId, Guid, GuidPrefix, Header, MessageReceiver, Received, Submessage, WireError,
 };
+
+/// When writers are greeted whose participant the low-level layer has greeted, if they have still not been heard.
+const GREETED: Duration = Duration::from_secs(1);
 
 impl Discovery {
     /// Reads a datagram that came from `source`. Where a part of it is malformed, the parts before it still count.
@@ -72,7 +75,7 @@ impl Discovery {
             self.endpoints.handle_datagram(now, source, datagram)
         };
         self.collect(now);
-        self.tell_progress(before);
+        self.tell_progress(before, is_answered);
         result
     }
 
@@ -121,7 +124,7 @@ impl Discovery {
                     of_ours.greeting(now, Guid::new(prefix, reader));
                 }
                 if let Some(of_ours) = self.endpoints.reader_mut(reader) {
-                    of_ours.need_not_greet(Guid::new(prefix, writer));
+                    of_ours.greet_at(now + GREETED, Guid::new(prefix, writer));
                 }
             }
         }

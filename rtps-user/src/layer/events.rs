@@ -37,14 +37,17 @@ impl Layer {
                         next: sequence.next(),
                     });
                 }
-                DiscoveryEvent::Progress { writer, next } => self.store_progress(writer, next),
-                DiscoveryEvent::Overtaken { writer, next } => {
-                    let exact = false;
-                    self.kernel(KernelChange::Progress {
-                        writer,
-                        next,
-                        exact,
-                    });
+                DiscoveryEvent::Progress { writer, next }
+                | DiscoveryEvent::Overtaken { writer, next } => {
+                    // Also what the low-level layer knows: a change of ours to the participant may have undone it.
+                    if self.config.kernel_discovery {
+                        let exact = false;
+                        self.kernel(KernelChange::Progress {
+                            writer,
+                            next,
+                            exact,
+                        });
+                    }
                     self.store_progress(writer, next);
                 }
                 DiscoveryEvent::Disowned(prefix) => self.kernel(KernelChange::ForgetPeer(prefix)),

@@ -435,9 +435,9 @@ impl Reader {
         }
     }
 
-    /// A matched writer has been greeted already, by somebody else in our name.
-    pub fn need_not_greet(&mut self, writer: Guid) {
-        self.messages.cancel((writer, Message::Greeting));
+    /// Greets a matched writer at that time, unless it has been heard until then.
+    pub fn greet_at(&mut self, at: Instant, writer: Guid) {
+        self.messages.set((writer, Message::Greeting), at);
     }
 
     /// The number below which all changes of a matched writer have been received, or will not come.

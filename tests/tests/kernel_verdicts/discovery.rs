@@ -286,12 +286,13 @@ fn the_filter_tells_and_leaves_answers_to_rtpsd() -> Result<()> {
     assert_eq!(told(&announcement(REMOTE, b"one!"))?, [0]);
     assert_eq!(told(&announcement(REMOTE, b"one!"))?, NOTHING);
     assert_eq!(told(&announcement(OWN, b"one!"))?, NOTHING, "our own voice");
+    assert_eq!(told(&sample(1))?, [0], "its writers are to be greeted");
     assert_eq!(
-        told(&sample(1))?,
+        told(&sample(2))?,
         [RECORD_ANSWERED],
         "there is nothing to answer"
     );
-    assert_eq!(told(&heartbeat(1, 2))?, [0]);
+    assert_eq!(told(&heartbeat(1, 3))?, [0]);
     let unknown = Message::from(*b"nobody------").data(ANYBODY, BUILTIN_TOPICS[0].1, 8);
     assert_eq!(told(&unknown)?, NOTHING);
     Ok(())

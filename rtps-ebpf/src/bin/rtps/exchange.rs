@@ -8,7 +8,10 @@ use core::ops::ControlFlow;
 
 use rtps_ebpf::{
     Counter,
-    abi::{BUDGET_ALL, BUDGET_NEW, BUDGET_STRANGERS, Domain, RECORD_ANSWERED, RecordHeader},
+    abi::{
+        BUDGET_ALL, BUDGET_NEW, BUDGET_NEWS, BUDGET_STRANGERS, Domain, PEER_PROVEN,
+        RECORD_ANSWERED, RecordHeader,
+    },
     discovery::{Exchange, FILL_TURNS, MAX_DATAGRAMS, Setting, TURNS, budget},
 };
 
@@ -86,6 +89,7 @@ impl<M: Packet> Conversation<'_, M> {
             datagram_size: self.domain.datagram_size,
             end: walk.end(),
             may_answer,
+            is_local: maps::is_own_address(&header.source_address),
         };
         let known = maps::known(walk.sender());
         if let Some(peer) = known {
@@ -107,6 +111,7 @@ impl<M: Packet> Conversation<'_, M> {
             self.admit(counters)?;
         }
         if outcome.news {
+            self.allow_news(counters)?;
             self.report(outcome.answered, counters)?;
         } else {
             counters.count(Counter::DiscoveryQuiet);
@@ -126,6 +131,19 @@ impl<M: Packet> Conversation<'_, M> {
             return Ok(());
         }
         counters.count(Counter::BudgetNew);
+        Err(())
+    }
+
+    /// Whether rtpsd may be bothered: a stranger can always say something new.
+    #[inline(always)]
+    fn allow_news(&self, counters: Counters) -> Result<(), ()> {
+        let now_ns = self.scratch.header.received_ns;
+        if maps::is_peer(self.scratch.walk.sender())
+            || maps::spend(BUDGET_NEWS, budget::NEWS, now_ns, 1)
+        {
+            return Ok(());
+        }
+        counters.count(Counter::BudgetNews);
         Err(())
     }
 
@@ -204,7 +222,12 @@ impl<V: Voice> Speaking<'_, V> {
     fn spend(&mut self, len: u64) -> Result<(), Counter> {
         let now_ns = self.exchange.setting.now_ns;
         let peer = &mut self.exchange.peer;
-        peer.spent_until_ns = budget::PEER
+        let of_its_own = if peer.flags & PEER_PROVEN != 0 {
+            budget::PEER
+        } else {
+            budget::UNPROVEN
+        };
+        peer.spent_until_ns = of_its_own
             .spend(peer.spent_until_ns, now_ns, len)
             .ok_or(Counter::BudgetPeer)?;
         let is_stranger = !maps::is_peer(&self.exchange.setting.sender);

@@ -43,6 +43,7 @@ pub(super) fn setting() -> Setting {
         datagram_size: 1_472,
         end: 0,
         may_answer: true,
+        is_local: false,
     }
 }
 

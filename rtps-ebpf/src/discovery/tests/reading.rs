@@ -2,7 +2,7 @@
 
 use super::{
     message::{Message, OTHER, OWN, setting},
-    speech::{Said, acknack, uncounted},
+    speech::{Said, acknack, listen, uncounted},
     stage::{ANSWERED, Host, NEWS, PASSED_ON, QUIET, UNKNOWN, peer, stranger},
 };
 use crate::{
@@ -158,18 +158,27 @@ fn who_names_us_is_proven() {
     let host = Host::new();
     let named = Message::to_us(true).data(0, 1);
     let played = host.play(setting(), Some(&stranger()), &named);
-    assert_eq!(played.outcome, NEWS);
+    let proof = Outcome {
+        speaks: true,
+        ..NEWS
+    };
+    assert_eq!(played.outcome, proof);
     assert_eq!(played.peer.flags, PEER_PROVEN);
     assert_eq!(played.peer.writers[0].next, 2);
-    let heartbeat = Message::to_us(true).heartbeat(0, 1, 0, false);
+    // It may have known us before, and be silent: its writers are greeted.
+    let said = uncounted(listen(&played.datagrams[0]));
+    let greetings = [(0, 2), (1, 1), (2, 1)].map(|(of, base)| Said::Acknack {
+        of,
+        base,
+        missing: std::vec![],
+        is_final: false,
+        count: 0,
+    });
+    assert_eq!(said, greetings);
+    let heartbeat = Message::to_us(true).heartbeat(0, 1, 0, true);
     let played = host.play(setting(), Some(&stranger()), &heartbeat);
-    assert_eq!(
-        played.outcome,
-        Outcome {
-            speaks: true,
-            ..NEWS
-        }
-    );
+    assert_eq!(played.outcome, proof);
+    assert_eq!(listen(&played.datagrams[0]).len(), 2, "this one has spoken");
     // What it says to everybody is not taken until then, but it is asked to say it to us.
     let everybody = Message::new(true).data(0, 1).heartbeat(0, 1, 1, false);
     let played = host.play(setting(), Some(&stranger()), &everybody);

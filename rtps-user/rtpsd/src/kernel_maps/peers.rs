@@ -142,8 +142,10 @@ fn advanced(mut peer: Peer, writer: EntityId, next: SequenceNumber, exact: bool)
     let number = usize::try_from(builtin_writer(writer)?).ok()?;
     let state = peer.writers.get_mut(number)?;
     let next = u64::try_from(next.0).ok()?.max(1);
-    state.next = if exact { next } else { next.max(state.next) };
-    state.flags &= !WRITER_FRAGMENTED;
+    if exact || next > state.next {
+        state.next = next;
+        state.flags &= !WRITER_FRAGMENTED;
+    }
     Some(peer)
 }
 

@@ -269,6 +269,7 @@ impl Kernel {
             datagram_size: 1472,
             end: walk.end(),
             may_answer: self.may_answer,
+            is_local: false,
         }
     }
 

@@ -13,8 +13,8 @@ use crate::layer::protocol::{FromLayer, ToLayer};
 use crate::layer::{LayerConfig, StoreKey};
 use crate::qos::{Liveliness, LivelinessKind};
 use crate::wire::{
-    self, AckNack, Data, EntityId, Guid, GuidPrefix, Heartbeat, InlineQos, MessageWriter,
-    PayloadKind, SequenceNumber, SequenceNumberSet,
+    self, AckNack, Data, EntityId, Guid, GuidPrefix, Heartbeat, InlineQos, KeyHash, MessageWriter,
+    PayloadKind, SequenceNumber, SequenceNumberSet, StatusInfo,
 };
 
 /// Hosts of which those that `answers` names have a low-level layer that answers.
@@ -466,4 +466,84 @@ fn without_binding_any_address_will_do() {
             .unwrap();
         assert_eq!(layer.status().refused.foreign > 0, binds);
     }
+}
+
+#[test]
+fn a_number_that_the_low_level_layer_has_lost_is_told_again() {
+    let (mut net, _, reader) = matched();
+    let writer = Guid::new(prefix(2), EntityId::SEDP_PUBLICATIONS_WRITER);
+    net.hosts[1].is_connected = false;
+    let (from, to) = (net.hosts[1].address, net.hosts[0].address);
+    let hb = |first, last, count| {
+        let mut bytes = Vec::new();
+        let mut message = MessageWriter::new(&mut bytes, writer.prefix);
+        message.info_destination(prefix(1));
+        message.heartbeat(&Heartbeat {
+            reader: EntityId::SEDP_PUBLICATIONS_READER,
+            writer: writer.entity,
+            first: SequenceNumber(first),
+            last: SequenceNumber(last),
+            count,
+            is_final: false,
+            liveliness: false,
+        });
+        bytes
+    };
+    let data = |n| {
+        let mut bytes = Vec::new();
+        let mut message = MessageWriter::new(&mut bytes, writer.prefix);
+        message.info_destination(prefix(1));
+        message.data(&Data {
+            reader: EntityId::SEDP_PUBLICATIONS_READER,
+            writer: writer.entity,
+            sequence: SequenceNumber(n),
+            inline_qos: InlineQos::default(),
+            kind: PayloadKind::Data,
+            payload: &[0, 3, 0, 0, 1, 0, 0, 0],
+        });
+        bytes
+    };
+    net.inject(from, to, hb(8, 7, 10_000));
+    net.run(Duration::from_millis(100));
+    net.kernel(0).peers.get_mut(&reader.prefix).unwrap().writers[0].next = 1;
+    for turn in 0..20 {
+        net.inject(from, to, data(8));
+        net.run(Duration::from_millis(100));
+        net.inject(from, to, hb(8, 8, 10_001 + turn));
+        net.run(Duration::from_millis(200));
+    }
+    let peer = net.kernel(0).peers[&reader.prefix];
+    assert_eq!(peer.writers[0].next, 9);
+}
+
+/// A remote participant that we have lost still knows us, and holds all of its samples for acknowledged.
+#[test]
+fn who_is_found_again_is_asked_for_its_endpoints() {
+    let mut net = hosts(&[true, true]);
+    let (a, b) = (net.attach(0), net.attach(1));
+    net.declare(0, endpoint(a, 1, WRITER));
+    let reader = net.declare(1, endpoint(b, 1, READER));
+    net.run(SECOND);
+    assert_eq!(matches(&net.replies(0)), [reader]);
+    let key = KeyHash(Guid::new(prefix(2), EntityId::PARTICIPANT).to_bytes());
+    let mut farewell = Vec::new();
+    MessageWriter::new(&mut farewell, prefix(2)).data(&Data {
+        reader: EntityId::UNKNOWN,
+        writer: EntityId::SPDP_WRITER,
+        sequence: SequenceNumber(9),
+        inline_qos: InlineQos {
+            key_hash: Some(key),
+            status: StatusInfo {
+                disposed: true,
+                ..StatusInfo::default()
+            },
+            ..InlineQos::default()
+        },
+        kind: PayloadKind::None,
+        payload: &[],
+    });
+    let (from, to) = (net.hosts[1].address, net.hosts[0].address);
+    net.inject(from, to, farewell);
+    net.run(30 * SECOND);
+    assert_eq!(matches(&net.replies(0)), [reader]);
 }
