@@ -118,6 +118,8 @@ pub struct Exchange {
     pub(super) is_passed_on: bool,
     /// Our announcement is due.
     pub(super) is_greeting: bool,
+    /// The sender has just shown that it hears us.
+    pub(super) is_proof: bool,
     /// INFO_DST names another participant.
     is_foreign: bool,
     /// INFO_DST names us.
@@ -152,6 +154,7 @@ impl Exchange {
             has_news: false,
             is_passed_on: false,
             is_greeting: false,
+            is_proof: false,
             is_foreign: false,
             is_directed: false,
             is_relayed: false,
@@ -186,6 +189,7 @@ impl Exchange {
         self.has_news = false;
         self.is_passed_on = false;
         self.is_greeting = false;
+        self.is_proof = false;
         self.is_foreign = false;
         self.is_directed = false;
         self.is_relayed = false;
@@ -319,7 +323,7 @@ impl Exchange {
 
     /// Whether the sender takes part in the reliable protocol: it has named us, and so has got something from us.
     /// From then on its samples are taken. If it knew us before it may think that we have them all, and be silent:
-    /// so its writers are greeted.
+    /// so its writers are greeted. And it is told what ours have: it may not have known them when we announced us.
     #[inline(always)]
     fn is_proven(&mut self) -> bool {
         if self.peer.flags & PEER_PROVEN == 0 {
@@ -328,6 +332,7 @@ impl Exchange {
             }
             self.peer.flags |= PEER_PROVEN;
             self.has_news = true;
+            self.is_proof = true;
             for acknack in &mut self.acknacks {
                 acknack.is_due = true;
                 acknack.is_greeting = true;

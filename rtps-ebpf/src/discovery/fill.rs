@@ -117,7 +117,11 @@ impl Exchange {
 
     #[inline(always)]
     fn fill_announcement(&mut self, world: &impl World) -> ControlFlow<()> {
-        self.speech.topic = Topic::Acknacks;
+        self.speech.topic = if self.is_proof {
+            Topic::Heartbeats
+        } else {
+            Topic::Acknacks
+        };
         if let Some(announcement) = world.announcement().filter(|_| self.is_greeting)
             && self.answer.room(announcement.len).is_continue()
             && let Some(rest) = self.answer.rest()

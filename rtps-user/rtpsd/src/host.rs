@@ -3,7 +3,7 @@
 //! Everything that happens goes in here by a method; what is to be told to apps is collected and fetched with
 //! [`Host::take_replies`].
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 
 use anyhow::Result;
@@ -68,6 +68,8 @@ pub(crate) struct Host {
     occupied: SlotSet,
     awaited: BTreeMap<u8, Awaited>,
     replies: Vec<(u8, FromLayer)>,
+    /// Indices of interfaces that came back, and to which the programs could not be attached yet.
+    unattached: BTreeSet<u32>,
     max_ring: u32,
 }
 
@@ -95,6 +97,7 @@ impl Host {
             occupied: SlotSet::EMPTY,
             awaited: BTreeMap::new(),
             replies: Vec::new(),
+            unattached: BTreeSet::new(),
             max_ring,
         };
         for (slot, app) in host.kernel.attached_apps()? {
@@ -367,17 +370,22 @@ impl Host {
                 return Ok(());
             }
         };
-        let is_new = found.index != known.index;
+        if found.index != known.index {
+            self.unattached.insert(found.index);
+        }
         *known = found.clone();
         // Again, for the groups of a family that it had no addresses of before.
         for domain in &self.domains {
-            domain.sockets.join(&found)?;
+            if let Err(error) = domain.sockets.join(&found) {
+                warn!("{error:#}");
+            }
         }
-        if !is_new {
+        if !self.unattached.contains(&found.index) {
             return Ok(());
         }
         self.kernel.count_interfaces(&self.interfaces)?;
         attachment.attach(&found, &self.interfaces)?;
+        self.unattached.remove(&found.index);
         info!(interface = found.name, "the interface is back");
         Ok(())
     }

@@ -1,5 +1,7 @@
 //! What we send, as Wireshark's RTPS dissector sees it.
 
+use std::net::IpAddr;
+
 use anyhow::{Result, ensure};
 use rtps_tests::capture::{Capture, Decoded};
 use rtps_tests::layer::Layer;
@@ -72,15 +74,21 @@ fn everything_decodes(layer: Layer) -> Result<()> {
 /// Checks that nothing of what the host sent is malformed and that those of its built-in writers had something to
 /// say; gives the kinds of its submessages.
 fn decoded(decoded: &Decoded, host: &Interface, builtin: &[&str]) -> Result<Vec<u8>> {
-    let malformed = decoded.malformed_from(host.v4);
-    ensure!(malformed.is_empty(), "{malformed:?}");
+    // Which of its addresses it sends from depends on which announcement came first.
+    let addresses = [IpAddr::from(host.v4), host.v6.into()];
+    for address in addresses {
+        let malformed = decoded.malformed_from(address);
+        ensure!(malformed.is_empty(), "{malformed:?}");
+    }
+    let sources = format!("(ip.src == {} || ipv6.src == {})", host.v4, host.v6);
     for writer in builtin {
-        let from = format!("ip.src == {} && rtps.sm.id == 0x15", host.v4);
+        let from = format!("{sources} && rtps.sm.id == 0x15");
         let frames = decoded.frames(&format!("{from} && rtps.sm.wrEntityId == {writer}"))?;
         ensure!(frames > 0, "no DATA of {writer}");
     }
-    let packets = decoded.from(host.v4);
-    Ok(packets
+    Ok(addresses
+        .into_iter()
+        .flat_map(|address| decoded.from(address))
         .flat_map(|packet| packet.submessages.clone())
         .collect())
 }
