@@ -18,6 +18,7 @@ pub(crate) type Register = u8;
 /// Opcodes (RFC 9669, appendix A) that the programs of this crate use.
 mod opcode {
     pub(super) const LOAD_64_IMMEDIATE: u8 = 0x18;
+    pub(super) const LOAD_PACKET_BYTE: u8 = 0x30;
     pub(super) const LOAD_32: u8 = 0x61;
     pub(super) const STORE_32_IMMEDIATE: u8 = 0x62;
     pub(super) const ATOMIC_64: u8 = 0xdb;
@@ -71,6 +72,12 @@ pub(crate) fn modulo_immediate(destination: Register, value: i32) -> u64 {
 
 pub(crate) fn load_u32(destination: Register, base: Register, offset: i16) -> u64 {
     encode(opcode::LOAD_32, destination, base, offset, 0)
+}
+
+/// Loads the byte at this offset of the packet into r0; ends the program with 0 when the packet is shorter. The context
+/// is in r6, and r1 to r5 are lost.
+pub(crate) fn load_packet_byte(offset: i32) -> u64 {
+    encode(opcode::LOAD_PACKET_BYTE, 0, 0, 0, offset)
 }
 
 pub(crate) fn store_u32_immediate(base: Register, offset: i16, value: i32) -> u64 {

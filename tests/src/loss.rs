@@ -1,7 +1,7 @@
-//! A lossy link: a program on one end of a link that drops IPv4 packets and counts them.
+//! A lossy link: a program on one end of a link that drops IP packets and counts them.
 //!
-//! netem is not in every kernel; tcx is since 6.6. ARP and IPv6 pass, so that a loss costs a
-//! datagram and not the second that address resolution takes to try again.
+//! netem is not in every kernel; tcx is since 6.6. ARP, ICMPv6 and MLD pass, so that a loss costs
+//! a datagram and not the second that address resolution takes to try again.
 
 use anyhow::{Result, ensure};
 
@@ -30,9 +30,9 @@ pub enum Direction {
 /// What a lossy link has seen of one direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LossCount {
-    /// IPv4 packets, lost ones included.
+    /// Packets that may be dropped, lost ones included.
     pub seen: u64,
-    /// IPv4 packets dropped.
+    /// Packets dropped.
     pub dropped: u64,
 }
 
@@ -75,10 +75,14 @@ const TCX_DROP: i32 = 2;
 /// Offset of `protocol` in `struct __sk_buff`; the value is in network byte order.
 const SKB_PROTOCOL: i16 = 16;
 const ETH_P_IP: u16 = 0x0800;
+const ETH_P_IPV6: u16 = 0x86dd;
+/// Where "next header" of IPv6 lies in an untagged Ethernet frame.
+const NEXT_HEADER: i32 = 14 + 6;
+const NEXT_HEADER_HOP_BY_HOP: i32 = 0;
+const NEXT_HEADER_ICMPV6: i32 = 58;
 
 /// The program: r6 = the counters, r7 = the number of packets seen before this one.
 fn program(counters: &Counters<2>, loss: Loss) -> Result<Vec<u64>> {
-    let ipv4 = i32::from(ETH_P_IP.to_be());
     let chosen = choose(loss)?;
     let drop = [
         bpf::move_immediate(1, 1),
@@ -102,10 +106,7 @@ fn program(counters: &Counters<2>, loss: Loss) -> Result<Vec<u64>> {
     ];
     // Jumps lead to `pass`, which follows everything else.
     let decide = count.len() + chosen.len() + 1 + drop.len();
-    let mut program = vec![
-        bpf::load_u32(2, 1, SKB_PROTOCOL),
-        bpf::skip_if_not_equal(2, ipv4, i16::try_from(lookup.len() + 1 + decide)?),
-    ];
+    let mut program = skip_unless_datagram(lookup.len() + 1 + decide)?;
     program.extend(lookup);
     program.push(bpf::skip_if_equal(0, 0, i16::try_from(decide)?));
     program.extend(count);
@@ -114,6 +115,21 @@ fn program(counters: &Counters<2>, loss: Loss) -> Result<Vec<u64>> {
     program.extend(drop);
     program.extend([bpf::move_immediate(0, TCX_PASS), bpf::exit()]);
     Ok(program)
+}
+
+/// Skips `count` further instructions for what a loss must not touch: see the module.
+fn skip_unless_datagram(count: usize) -> Result<Vec<u64>> {
+    let skip = |further: i16| anyhow::Ok(i16::try_from(count)? + further);
+    Ok(vec![
+        // A load from the packet takes the context from r6.
+        bpf::move_register(6, 1),
+        bpf::load_u32(2, 1, SKB_PROTOCOL),
+        bpf::skip_if_equal(2, i32::from(ETH_P_IP.to_be()), 4),
+        bpf::skip_if_not_equal(2, i32::from(ETH_P_IPV6.to_be()), skip(3)?),
+        bpf::load_packet_byte(NEXT_HEADER),
+        bpf::skip_if_equal(0, NEXT_HEADER_ICMPV6, skip(1)?),
+        bpf::skip_if_equal(0, NEXT_HEADER_HOP_BY_HOP, skip(0)?),
+    ])
 }
 
 /// Leaves in r0 (random) or r7 (every n-th) what [`skip_unless_chosen`] looks at.

@@ -1,7 +1,7 @@
 //! The harness proves itself with other vendors' programs alone, before it tests our stack.
 
 use std::fs::DirBuilder;
-use std::net::{Ipv4Addr, UdpSocket};
+use std::net::{IpAddr, Ipv4Addr, UdpSocket};
 use std::os::unix::fs::DirBuilderExt;
 use std::time::Duration;
 
@@ -151,7 +151,7 @@ fn tshark_finds_a_malformed_message() -> Result<()> {
     skip_unless!(require::root());
     let pair = Pair::new("malformed")?;
     let capture = Capture::start(&pair.a, &pair.veth.a.name)?;
-    let socket = bind(&pair.a, &pair.veth.a)?;
+    let socket = bind(&pair.a, pair.veth.a.v4)?;
     // A header, then a HEARTBEAT that ends after its entity ids.
     let mut message = b"RTPS\x02\x03\x01\x10".to_vec();
     message.extend([1; 12]);
@@ -167,18 +167,28 @@ fn tshark_finds_a_malformed_message() -> Result<()> {
 
 #[test]
 fn every_third_packet_is_lost() -> Result<()> {
+    lose_every_third("third4", |interface| interface.v4.into())
+}
+
+#[test]
+fn every_third_ipv6_packet_is_lost() -> Result<()> {
+    lose_every_third("third6", |interface| interface.v6.into())
+}
+
+fn lose_every_third(label: &str, address: impl Fn(&Interface) -> IpAddr) -> Result<()> {
     skip_unless!(require::root());
     skip_unless!(require::kernel(6, 6));
-    let pair = Pair::new("third")?;
+    let pair = Pair::new(label)?;
+    let deliver = |count| deliver(&pair, &address, count);
     let lossy = Lossy::attach(&pair.b, &pair.veth.b, Direction::Ingress, Loss::EveryNth(3))?;
-    ensure!(deliver(&pair, 9)? == [0, 1, 3, 4, 6, 7]);
+    ensure!(deliver(9)? == [0, 1, 3, 4, 6, 7]);
     let expected = LossCount {
         seen: 9,
         dropped: 3,
     };
     ensure!(lossy.count()? == expected, "{:?}", lossy.count()?);
     drop(lossy);
-    ensure!(deliver(&pair, 3)? == [0, 1, 2]);
+    ensure!(deliver(3)? == [0, 1, 2]);
     Ok(())
 }
 
@@ -192,7 +202,7 @@ fn pass_all_attaches_natively_and_detaches() -> Result<()> {
     };
     let pass = PassAll::attach(&pair.b, &pair.veth.b)?;
     ensure!(has_xdp()?);
-    ensure!(deliver(&pair, 3)? == [0, 1, 2]);
+    ensure!(deliver(&pair, |interface| interface.v4.into(), 3)? == [0, 1, 2]);
     drop(pass);
     ensure!(!has_xdp()?);
     Ok(())
@@ -213,8 +223,8 @@ fn hosts_on_a_bridge_reach_each_other_by_both_protocols() -> Result<()> {
         .enter(|| UdpSocket::bind((first.interface.v6, 0)))?;
     sender.send_to(b"v6", (last.interface.v6, 9))?;
     ensure!(receive(&receiver)? == Some(b"v6".to_vec()));
-    let receiver = bind(&last.netns, &last.interface)?;
-    let sender = bind(&first.netns, &first.interface)?;
+    let receiver = bind(&last.netns, last.interface.v4)?;
+    let sender = bind(&first.netns, first.interface.v4)?;
     sender.send_to(b"v4", receiver.local_addr()?)?;
     ensure!(receive(&receiver)? == Some(b"v4".to_vec()));
     Ok(())
@@ -267,8 +277,9 @@ fn a_namespace_ends_with_its_value() -> Result<()> {
     Ok(())
 }
 
-fn bind(netns: &Netns, interface: &Interface) -> Result<UdpSocket> {
-    Ok(netns.enter(|| UdpSocket::bind((interface.v4, 0)))?)
+fn bind(netns: &Netns, address: impl Into<IpAddr>) -> Result<UdpSocket> {
+    let address = address.into();
+    Ok(netns.enter(|| UdpSocket::bind((address, 0)))?)
 }
 
 fn receive(socket: &UdpSocket) -> Result<Option<Vec<u8>>> {
@@ -282,9 +293,9 @@ fn receive(socket: &UdpSocket) -> Result<Option<Vec<u8>>> {
 }
 
 /// Sends numbered datagrams from a to b and returns the numbers that arrive.
-fn deliver(pair: &Pair, count: u8) -> Result<Vec<u8>> {
-    let receiver = bind(&pair.b, &pair.veth.b)?;
-    let sender = bind(&pair.a, &pair.veth.a)?;
+fn deliver(pair: &Pair, address: impl Fn(&Interface) -> IpAddr, count: u8) -> Result<Vec<u8>> {
+    let receiver = bind(&pair.b, address(&pair.veth.b))?;
+    let sender = bind(&pair.a, address(&pair.veth.a))?;
     for number in 0..count {
         sender.send_to(&[number], receiver.local_addr()?)?;
     }

@@ -15,13 +15,14 @@ use crate::flow::{self, Arguments, EVERYTHING};
 use crate::layers::{on_both_layers, on_every_layer};
 use crate::stage::Stage;
 
-/// submessageIds (RTPS 2.5, 9.4.5.1.1). NACK_FRAG is not among them: whether one is needed depends on what gets lost.
-const SUBMESSAGES: [(u8, &str); 7] = [
+/// submessageIds (RTPS 2.5, 9.4.5.1.1).
+const SUBMESSAGES: [(u8, &str); 8] = [
     (0x06, "ACKNACK"),
     (0x07, "HEARTBEAT"),
     (0x08, "GAP"),
     (0x09, "INFO_TS"),
     (0x0e, "INFO_DST"),
+    (0x12, "NACK_FRAG"),
     (0x15, "DATA"),
     (0x16, "DATA_FRAG"),
 ];
