@@ -185,6 +185,7 @@ impl Core {
         while let Some(transmit) = self.endpoints.poll_transmit(now, &mut self.datagram) {
             let start = self.outgoing.buffer().len();
             self.outgoing.buffer().extend_from_slice(&self.datagram);
+            self.datagram.clear();
             let send = |burst: &Burst<'_>| self.link.send(burst);
             self.outgoing.appended(start, transmit, send);
         }
