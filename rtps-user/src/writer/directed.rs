@@ -35,6 +35,7 @@ impl Writer {
         let waiting = |proxy: &&ReaderProxy| proxy.outbox.not_before().is_some();
         let readers = self.readers.values().filter(waiting);
         let readers: Vec<Guid> = readers.map(ReaderProxy::guid).collect();
+        self.look_for_shared();
         for reader in readers {
             let proxy = self.readers.get(&reader);
             if proxy.is_some_and(|proxy| proxy.outbox.not_before() <= Some(now)) {

@@ -174,6 +174,22 @@ impl Outbox {
         is_done
     }
 
+    /// The changes that the reader asks for, where the answer may begin now.
+    pub(super) fn sharable(&self, now: Instant) -> Option<&ChangeRequest> {
+        let may_begin = |request: &&ChangeRequest| {
+            self.budget > 0 && self.suppressed_changes.allowed_at(now, request.first()) <= now
+        };
+        self.changes.as_ref().filter(may_begin)
+    }
+
+    /// A change that the reader asks for was sent to it and others, in so many bytes.
+    pub(super) fn share(&mut self, sequence: SequenceNumber, bytes: usize) {
+        self.budget = self.budget.saturating_sub(bytes);
+        if let Some(request) = &mut self.changes {
+            request.share(sequence);
+        }
+    }
+
     fn has_repairs(&self) -> bool {
         self.changes.is_some() || !self.fragments.is_empty() || self.replay.is_some()
     }
@@ -207,11 +223,12 @@ impl Outbox {
         if !request.has_begun() {
             self.suppressed_changes.begin(now, request.first(), timing);
         }
+        let before = packet.len();
         let is_done = request.fill(source, packet);
         self.suppressed_changes.proceed(now, request.position());
         if is_done {
-            // The reader can say at once what got lost again.
-            self.heartbeat = true;
+            // The reader can say at once what got lost again. What is shared brings a HEARTBEAT of its own.
+            self.heartbeat |= packet.len() > before || !request.is_shared();
             self.changes = None;
         }
         is_done
