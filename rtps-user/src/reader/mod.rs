@@ -21,7 +21,6 @@ mod liveliness;
 mod ranges;
 mod reassembly;
 mod sample;
-mod slab;
 #[cfg(test)]
 mod tests;
 mod timers;
@@ -33,11 +32,11 @@ pub use sample::{
     InstanceState, Mask, Sample, SampleInfo, SampleState, Selection, State, ViewState,
 };
 
-use std::collections::hash_map::Entry;
-use std::collections::{BTreeSet, HashMap};
+use std::collections::BTreeSet;
 use std::time::Instant;
 
 use crate::qos::Qos;
+use crate::table::Table;
 use crate::wire::{
     Data, DataFrag, Gap, Guid, GuidPrefix, Heartbeat, HeartbeatFrag, SequenceNumber, Timestamp,
 };
@@ -63,7 +62,7 @@ enum Message {
 #[derive(Debug)]
 pub struct Reader {
     config: ReaderConfig,
-    proxies: HashMap<Guid, WriterProxy>,
+    proxies: Table<Guid, WriterProxy>,
     cache: Cache,
     events: Events,
     messages: Timers<(Guid, Message)>,
@@ -83,7 +82,7 @@ impl Reader {
         Self {
             cache: Cache::new(&config.qos),
             config,
-            proxies: HashMap::new(),
+            proxies: Table::default(),
             events: Events::default(),
             messages: Timers::default(),
             watch: Watch::default(),
@@ -111,27 +110,25 @@ impl Reader {
 
     /// Matches a writer, or takes over the changed locators and policies of a matched one.
     pub fn match_writer(&mut self, now: Instant, remote: &RemoteEndpoint) {
-        match self.proxies.entry(remote.guid) {
-            Entry::Occupied(mut known) => {
-                known.get_mut().update(remote);
-                self.watch.follow(remote.guid, &known.get().lease);
-            }
-            Entry::Vacant(vacant) => {
-                let proxy = vacant.insert(WriterProxy::new(now, &self.config, remote));
-                proxy.responder.resume(self.count);
-                self.watch
-                    .begin(remote.guid, &proxy.lease, &mut self.events);
-                if proxy.is_reliable() {
-                    self.messages.set((remote.guid, Message::Greeting), now);
-                }
-            }
+        if let Some(proxy) = self.proxies.get_mut(remote.guid) {
+            proxy.update(remote);
+            self.watch.follow(remote.guid, &proxy.lease);
+            return;
         }
+        let mut proxy = WriterProxy::new(now, &self.config, remote);
+        proxy.responder.resume(self.count);
+        self.watch
+            .begin(remote.guid, &proxy.lease, &mut self.events);
+        if proxy.is_reliable() {
+            self.messages.set((remote.guid, Message::Greeting), now);
+        }
+        self.proxies.insert(remote.guid, proxy);
     }
 
     /// Forgets a writer; what is held of it because something before it is missing, or because there was no
     /// room, is lost.
     pub fn unmatch_writer(&mut self, now: Instant, writer: Guid) {
-        let Some(proxy) = self.proxies.remove(&writer) else {
+        let Some(proxy) = self.proxies.remove(writer) else {
             return;
         };
         self.messages.cancel((writer, Message::Greeting));
@@ -145,12 +142,12 @@ impl Reader {
 
     /// Whether a writer is matched.
     pub fn is_matched(&self, writer: Guid) -> bool {
-        self.proxies.contains_key(&writer)
+        self.proxies.get(writer).is_some()
     }
 
     /// The matched writers, in no particular order.
     pub fn matched_writers(&self) -> impl Iterator<Item = Guid> + '_ {
-        self.proxies.keys().copied()
+        self.proxies.keys()
     }
 
     /// DATA of a writer, with the source timestamp that the message said before it.
@@ -161,7 +158,7 @@ impl Reader {
         timestamp: Option<Timestamp>,
         data: &Data<'_>,
     ) {
-        let Some(proxy) = self.proxies.get_mut(&writer) else {
+        let Some(proxy) = self.proxies.get_mut(writer) else {
             return;
         };
         self.now = Some(now);
@@ -204,7 +201,7 @@ impl Reader {
         timestamp: Option<Timestamp>,
         data: &DataFrag<'_>,
     ) {
-        let Some(proxy) = self.proxies.get_mut(&writer) else {
+        let Some(proxy) = self.proxies.get_mut(writer) else {
             return;
         };
         self.now = Some(now);
@@ -250,7 +247,7 @@ impl Reader {
 
     /// GAP of a writer.
     pub fn handle_gap(&mut self, now: Instant, writer: Guid, gap: &Gap) {
-        let Some(proxy) = self.proxies.get_mut(&writer) else {
+        let Some(proxy) = self.proxies.get_mut(writer) else {
             return;
         };
         self.now = Some(now);
@@ -269,7 +266,7 @@ impl Reader {
 
     /// HEARTBEAT of a writer.
     pub fn handle_heartbeat(&mut self, now: Instant, writer: Guid, heartbeat: &Heartbeat) {
-        let Some(proxy) = self.proxies.get_mut(&writer) else {
+        let Some(proxy) = self.proxies.get_mut(writer) else {
             return;
         };
         self.now = Some(now);
@@ -299,7 +296,7 @@ impl Reader {
 
     /// HEARTBEAT_FRAG of a writer.
     pub fn handle_heartbeat_frag(&mut self, now: Instant, writer: Guid, heartbeat: &HeartbeatFrag) {
-        let Some(proxy) = self.proxies.get_mut(&writer) else {
+        let Some(proxy) = self.proxies.get_mut(writer) else {
             return;
         };
         self.watch.heard(
@@ -324,17 +321,18 @@ impl Reader {
         } else {
             Sign::Protocol
         };
-        for (writer, proxy) in &mut self.proxies {
+        for (_, proxy) in self.proxies.iter_mut() {
+            let writer = proxy.guid;
             if writer.prefix == participant {
                 self.watch
-                    .heard(now, *writer, &mut proxy.lease, sign, &mut self.events);
+                    .heard(now, writer, &mut proxy.lease, sign, &mut self.events);
             }
         }
     }
 
     /// All changes of a writer below `next` are dealt with, though they have not come here.
     pub fn skip_to(&mut self, writer: Guid, next: SequenceNumber) {
-        if let Some(proxy) = self.proxies.get_mut(&writer) {
+        if let Some(proxy) = self.proxies.get_mut(writer) {
             proxy.skip_to(next, &mut self.cache, &mut self.events);
         }
     }
@@ -342,7 +340,7 @@ impl Reader {
     /// Does what is due but needs no datagram: leases and deadlines.
     pub fn handle_timeout(&mut self, now: Instant) {
         while let Some(writer) = self.watch.pop(now) {
-            let Some(proxy) = self.proxies.get_mut(&writer) else {
+            let Some(proxy) = self.proxies.get_mut(writer) else {
                 continue;
             };
             if self
@@ -368,10 +366,11 @@ impl Reader {
         .min()
     }
 
-    /// Writes the next datagram that is due, if any, into `out`.
+    /// Appends the next datagram that is due, if any, to `out`.
     pub fn poll_transmit(&mut self, now: Instant, out: &mut Vec<u8>) -> Option<Transmit> {
+        let start = out.len();
         while let Some((writer, message)) = self.messages.pop(now) {
-            let Some(proxy) = self.proxies.get_mut(&writer) else {
+            let Some(proxy) = self.proxies.get_mut(writer) else {
                 continue;
             };
             let (sent, again) = match message {
@@ -384,6 +383,7 @@ impl Reader {
             if sent && let Some(destinations) = proxy.destinations.clone() {
                 return Some(Transmit { destinations });
             }
+            out.truncate(start);
         }
         None
     }
@@ -400,6 +400,15 @@ impl Reader {
             self.release();
         }
         samples
+    }
+
+    /// Takes the first sample of a selection in the order of arrival, as [`take`](Self::take) does.
+    pub fn take_next(&mut self, selection: &Selection) -> Option<Sample> {
+        let sample = self.cache.take_next(selection);
+        if sample.is_some() && !self.blocked.is_empty() {
+            self.release();
+        }
+        sample
     }
 
     /// Reads up to `max` samples, which stay.
@@ -430,7 +439,7 @@ impl Reader {
     /// Goes on with a writer, matched just now, where an earlier run of this reader stopped: at change `next`,
     /// counting ACKNACKs and NACK_FRAGs on from `count`. With `next` at most 1 only the counts go on.
     pub fn resume_from(&mut self, writer: Guid, next: SequenceNumber, count: i32) {
-        if let Some(proxy) = self.proxies.get_mut(&writer) {
+        if let Some(proxy) = self.proxies.get_mut(writer) {
             proxy.resume(next, count);
         }
     }
@@ -442,7 +451,7 @@ impl Reader {
 
     /// The number below which all changes of a matched writer have been received, or will not come.
     pub fn progress(&self, writer: Guid) -> Option<SequenceNumber> {
-        self.proxies.get(&writer).map(WriterProxy::next)
+        self.proxies.get(writer).map(WriterProxy::next)
     }
 
     /// Lets changes in that there was no room for, and tells their writers at once, because they may be waiting
@@ -452,7 +461,7 @@ impl Reader {
             return;
         };
         for writer in std::mem::take(&mut self.blocked) {
-            let Some(proxy) = self.proxies.get_mut(&writer) else {
+            let Some(proxy) = self.proxies.get_mut(writer) else {
                 continue;
             };
             let moved = proxy.advance(&mut self.cache, &mut self.events);

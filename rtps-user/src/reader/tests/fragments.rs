@@ -161,7 +161,7 @@ fn memory_grows_with_what_arrives_and_not_with_what_is_promised() {
         bench.part(sequence, 600_000, &whole);
         bench.part(sequence, 1, &whole);
     }
-    let reassembly = &bench.reader.proxies[&bench.writer].reassembly;
+    let reassembly = &bench.reader.proxies.get(bench.writer).unwrap().reassembly;
     assert!(
         reassembly.reserved() <= 64 * (64 << 10),
         "{}",
@@ -177,7 +177,15 @@ fn a_whole_sample_replaces_its_fragments() {
     bench.part(1, 2, &whole);
     bench.part(1, 3, &whole);
     assert_eq!(bench.taken(), [1]);
-    assert!(bench.reader.proxies[&bench.writer].reassembly.is_empty());
+    assert!(
+        bench
+            .reader
+            .proxies
+            .get(bench.writer)
+            .unwrap()
+            .reassembly
+            .is_empty()
+    );
 }
 
 #[test]
@@ -248,7 +256,15 @@ fn best_effort_drops_what_newer_samples_overtake() {
     bench.part(1, 2, &whole);
     bench.part(1, 3, &whole);
     assert_eq!(bench.taken(), [2]);
-    assert!(bench.reader.proxies[&bench.writer].reassembly.is_empty());
+    assert!(
+        bench
+            .reader
+            .proxies
+            .get(bench.writer)
+            .unwrap()
+            .reassembly
+            .is_empty()
+    );
 }
 
 #[test]
@@ -267,5 +283,13 @@ fn best_effort_never_runs_out_of_room() {
         bench.part(201, first, &whole);
     }
     assert_eq!(bench.taken(), [201]);
-    assert!(bench.reader.proxies[&bench.writer].reassembly.is_empty());
+    assert!(
+        bench
+            .reader
+            .proxies
+            .get(bench.writer)
+            .unwrap()
+            .reassembly
+            .is_empty()
+    );
 }
