@@ -106,6 +106,7 @@ impl<'a> Submessages<'a> {
 impl<'a> Iterator for Submessages<'a> {
     type Item = Result<Submessage<'a>, WireError>;
 
+    #[inline]
     fn next(&mut self) -> Option<Self::Item> {
         if self.rest.is_empty() {
             return None;
