@@ -24,10 +24,14 @@ impl Endpoints {
         datagram: &[u8],
     ) -> Result<(), WireError> {
         for received in MessageReceiver::new(self.prefix, datagram)? {
-            let received = received.inspect_err(
-                |error| tracing::debug!(%source, %error, "rest of a message dropped"),
-            )?;
-            self.dispatch(now, source.ip(), &received);
+            // By reference, because a submessage is large.
+            match &received {
+                Ok(received) => self.dispatch(now, source.ip(), received),
+                Err(error) => {
+                    tracing::debug!(%source, %error, "rest of a message dropped");
+                    return Err(*error);
+                }
+            }
         }
         Ok(())
     }
