@@ -46,6 +46,7 @@ use cache::Cache;
 use change::{Arrival, Payload};
 use events::Events;
 use liveliness::{Sign, Watch};
+use reassembly::Progress;
 use timers::Timers;
 use writer_proxy::WriterProxy;
 
@@ -180,17 +181,7 @@ impl Reader {
             inline_qos: data.inline_qos,
             kind: data.kind,
         };
-        let payload = Payload::Borrowed(data.payload);
-        proxy.receive(
-            &self.config,
-            arrival,
-            payload,
-            &mut self.cache,
-            &mut self.events,
-        );
-        if proxy.is_blocked() {
-            self.blocked.insert(writer);
-        }
+        self.receive(now, arrival, Payload::Borrowed(data.payload), false);
     }
 
     /// DATA_FRAG of a writer, with the source timestamp that the message said before it.
@@ -221,8 +212,11 @@ impl Reader {
             self.events.lost(writer, 1);
             return;
         }
-        let Some(assembled) = proxy.reassembly.add(now, timestamp, data) else {
-            return;
+        proxy.note_size(data.sample_size as usize);
+        let assembled = match proxy.reassembly.add(now, timestamp, data) {
+            Progress::Complete(assembled) => assembled,
+            Progress::Repaired => return self.answer(now, writer),
+            Progress::Incomplete => return,
         };
         let arrival = Arrival {
             writer,
@@ -233,16 +227,7 @@ impl Reader {
             kind: assembled.kind,
         };
         let payload = Payload::Owned(assembled.payload);
-        proxy.receive(
-            &self.config,
-            arrival,
-            payload,
-            &mut self.cache,
-            &mut self.events,
-        );
-        if proxy.is_blocked() {
-            self.blocked.insert(writer);
-        }
+        self.receive(now, arrival, payload, assembled.is_repaired);
     }
 
     /// GAP of a writer.
@@ -262,6 +247,10 @@ impl Reader {
         if proxy.is_blocked() {
             self.blocked.insert(writer);
         }
+        let next = proxy.next();
+        if proxy.responder.completes_below(next) && proxy.lacks_something() {
+            self.answer(now, writer);
+        }
     }
 
     /// HEARTBEAT of a writer.
@@ -277,20 +266,19 @@ impl Reader {
         };
         self.watch
             .heard(now, writer, &mut proxy.lease, sign, &mut self.events);
-        let timing = &self.config.timing;
-        let validity = timing.heartbeat_count_validity;
+        let validity = self.config.timing.heartbeat_count_validity;
         if !proxy.is_reliable() || !proxy.filter.is_new(now, heartbeat.count, validity) {
             return;
         }
         if !proxy.has_heard() {
             self.messages.cancel((writer, Message::Greeting));
         }
-        if proxy.heartbeat(heartbeat, &mut self.cache, &mut self.events) {
-            let at = now + timing.heartbeat_response_delay;
-            self.messages.set_earlier((writer, Message::Answer), at);
-        }
+        let is_answered = proxy.heartbeat(heartbeat, &mut self.cache, &mut self.events);
         if proxy.is_blocked() {
             self.blocked.insert(writer);
+        }
+        if is_answered {
+            self.answer(now, writer);
         }
     }
 
@@ -308,8 +296,7 @@ impl Reader {
         );
         let (sequence, last) = (heartbeat.sequence, heartbeat.last_fragment);
         if proxy.is_reliable() && proxy.reassembly.announce(sequence, last) {
-            let at = now + self.config.timing.heartbeat_response_delay;
-            self.messages.set_earlier((writer, Message::Answer), at);
+            self.answer(now, writer);
         }
     }
 
@@ -452,6 +439,36 @@ impl Reader {
     /// The number below which all changes of a matched writer have been received, or will not come.
     pub fn progress(&self, writer: Guid) -> Option<SequenceNumber> {
         self.proxies.get(writer).map(WriterProxy::next)
+    }
+
+    /// Takes in a change that is wanted, of which fragments may have been asked for.
+    fn receive(&mut self, now: Instant, arrival: Arrival, payload: Payload<'_>, is_repaired: bool) {
+        let Arrival {
+            writer, sequence, ..
+        } = arrival;
+        let Some(proxy) = self.proxies.get_mut(writer) else {
+            return;
+        };
+        proxy.receive(
+            &self.config,
+            arrival,
+            payload,
+            &mut self.cache,
+            &mut self.events,
+        );
+        if proxy.is_blocked() {
+            self.blocked.insert(writer);
+        }
+        let completes = proxy.responder.completes(sequence);
+        if (completes || is_repaired) && proxy.lacks_something() {
+            self.answer(now, writer);
+        }
+    }
+
+    /// Answers a writer, together with what else there may be to answer until then.
+    fn answer(&mut self, now: Instant, writer: Guid) {
+        let at = now + self.config.timing.heartbeat_response_delay;
+        self.messages.set_earlier((writer, Message::Answer), at);
     }
 
     /// Lets changes in that there was no room for, and tells their writers at once, because they may be waiting
