@@ -83,7 +83,7 @@ struct Pings {
 
 impl Pings {
     fn new(ping: &Ping) -> Result<Self> {
-        let session = Session::open(&ping.options, None)?;
+        let session = Session::open_to_ping(&ping.options)?;
         let writer = session.writer(Flow::Ping, None)?;
         let guid = writer.guid();
         // Tells apart the answers to programs that are the same participant.

@@ -52,7 +52,7 @@ struct Answers {
 
 impl Answers {
     fn new(options: &Options) -> Result<Self> {
-        let session = Session::open(options, None)?;
+        let session = Session::open_to_ping(options)?;
         Ok(Self {
             reader: session.reader(Flow::Ping, None)?,
             session,

@@ -38,9 +38,23 @@ pub(crate) struct Session {
 impl Session {
     /// Joins the domain. Data is kept whole unless `keep_last` says how many samples of an instance.
     pub(crate) fn open(options: &Options, keep_last: Option<u32>) -> Result<Self> {
+        Self::with_user_data(options, keep_last, "")
+    }
+
+    /// Joins the domain as a participant that ddsperf answers, and whose answers it waits for.
+    pub(crate) fn open_to_ping(options: &Options) -> Result<Self> {
+        let system = nix::sys::utsname::uname()?;
+        let host = system.nodename().to_string_lossy();
+        // Whether there is a reader of data, the process, and where it runs.
+        let user_data = format!("DDSPerf:0:{}:{}", std::process::id(), host);
+        Self::with_user_data(options, None, &user_data)
+    }
+
+    fn with_user_data(options: &Options, keep_last: Option<u32>, user_data: &str) -> Result<Self> {
         let socket = RtpsSocket::builder()
             .domain(options.domain)
             .layer(options.layer())
+            .user_data(user_data)
             .open()?;
         Ok(Self {
             socket,
