@@ -8,7 +8,7 @@ use clap::Args;
 use rtps_socket::{RawReader, RawSample, RawWriter};
 
 use super::histogram::Histogram;
-use super::options::Options;
+use super::options::{Options, bytes};
 use super::pace::{Pace, Second};
 use super::report::{Report, RoundTrips};
 use super::session::{Flow, Session, partition_of, sample};
@@ -25,8 +25,8 @@ const FIRST_PATIENCE: Duration = Duration::from_millis(50);
 pub(crate) struct Ping {
     #[command(flatten)]
     options: Options,
-    /// Bytes of a sample, 12 or more on topic KS.
-    #[arg(long, default_value_t = 0)]
+    /// Bytes of a sample, 12 or more on topic KS; k and M are understood.
+    #[arg(long, value_parser = bytes, default_value = "0")]
     size: u32,
     /// Pings a second; the next follows the last answer unless given.
     #[arg(long)]

@@ -8,7 +8,7 @@ use clap::Args;
 use rtps_socket::RawWriter;
 use rtps_socket::error::WriteError;
 
-use super::options::{Options, Period};
+use super::options::{Options, Period, bytes};
 use super::pace::{Pace, Second};
 use super::report::{Report, Sent};
 use super::session::{Flow, Session, sample};
@@ -27,8 +27,8 @@ const LINGER: Duration = Duration::from_secs(10);
 pub(crate) struct Publish {
     #[command(flatten)]
     options: Options,
-    /// Bytes of a sample, 12 or more on topic KS.
-    #[arg(long, default_value_t = 0)]
+    /// Bytes of a sample, 12 or more on topic KS; k and M are understood.
+    #[arg(long, value_parser = bytes, default_value = "0")]
     size: u32,
     /// Keep the last N samples instead of all, as ddsperf's -k.
     #[arg(short = 'k', long, value_name = "N")]
