@@ -91,7 +91,7 @@ fn pings_between_hosts(near: Layer, far: Layer) -> Result<()> {
     // They may be one participant, and must not take each other's answers.
     let pings = [
         near.perf("ping --rate 1000 --duration 0.3")?,
-        near.perf("ping --size 500 --duration 0.3")?,
+        near.perf("ping --size 500 --busy-poll 20 --duration 0.3")?,
     ];
     for mut ping in pings {
         ping.wait_success(END)?;

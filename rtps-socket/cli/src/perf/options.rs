@@ -29,6 +29,9 @@ pub(crate) struct Options {
     /// Seconds before that which don't count.
     #[arg(long, value_parser = seconds, default_value = "0")]
     warm_up: Duration,
+    /// Look for samples so many microseconds before sleeping: a second unless a number is given.
+    #[arg(long, value_name = "MICROSECONDS", num_args = 0..=1, default_missing_value = "1000000")]
+    pub(crate) busy_poll: Option<u64>,
     /// Print JSON objects, one a line.
     #[arg(long)]
     pub(crate) json: bool,

@@ -11,7 +11,7 @@ use super::histogram::Histogram;
 use super::options::{Options, bytes};
 use super::pace::{Pace, Second};
 use super::report::{Report, RoundTrips};
-use super::session::{Flow, Session, partition_of, sample};
+use super::session::{Flow, Session, marked, partition_of};
 use super::topic::{Template, Topic};
 use crate::stop;
 
@@ -41,12 +41,16 @@ impl Ping {
     pub(crate) fn run(self) -> Result<()> {
         let report = Report::new("ping", self.options.json);
         let mut pings = Pings::new(&self)?;
-        while pings.exchange(FIRST_PATIENCE, |_| {})? > 0 {
-            if stop::requested() {
-                break;
-            }
+        let mut log = Log::new(Instant::now());
+        if pings.find_peers()? {
+            report.ready();
+            log = self.measure(&mut pings, &report)?;
         }
-        report.ready();
+        report.summary(log.summary());
+        Ok(())
+    }
+
+    fn measure(&self, pings: &mut Pings, report: &Report) -> Result<Log> {
         let now = Instant::now();
         let period = self.options.period(now);
         let mut pace = self.rate.map(|rate| Pace::new(now, rate));
@@ -55,14 +59,14 @@ impl Ping {
             let lost = pings.exchange(PATIENCE, |time| log.histogram.record(time))?;
             log.lost += u64::from(lost);
             let now = Instant::now();
+            log.end = now;
             if period.is_over(now) {
-                report.summary(log.summary(now));
-                return Ok(());
+                return Ok(log);
             }
             if log.begin < period.start && now >= period.start {
                 log = Log::new(now);
             }
-            log.report_second(now, &report);
+            log.report_second(now, report);
             if let Some(sleep) = pace.as_mut().and_then(|pace| pace.next_after(now)) {
                 thread::sleep(sleep);
             }
@@ -100,10 +104,21 @@ impl Pings {
         })
     }
 
+    /// Pings until all answer; false when told to stop before.
+    fn find_peers(&mut self) -> Result<bool> {
+        while self.exchange(FIRST_PATIENCE, |_| {})? > 0 {
+            if stop::requested() {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
     /// Sends a ping and tells of each answer how long it took; returns how many did not come in time.
     fn exchange(&mut self, patience: Duration, mut answered: impl FnMut(Duration)) -> Result<u32> {
         self.seq = self.seq.wrapping_add(1);
-        let ping = sample(&self.template, self.seq, SystemTime::now(), true);
+        let asked = marked(SystemTime::now(), true);
+        let ping = self.template.sample(self.seq, asked);
         let mut missing = self.peers;
         let start = Instant::now();
         self.writer.send_change(ping)?;
@@ -129,6 +144,7 @@ impl Pings {
 /// What was measured, in all and since the last line.
 struct Log {
     begin: Instant,
+    end: Instant,
     second: Second,
     histogram: Histogram,
     lost: u64,
@@ -140,6 +156,7 @@ impl Log {
     fn new(begin: Instant) -> Self {
         Self {
             begin,
+            end: begin,
             second: Second::new(begin),
             histogram: Histogram::default(),
             lost: 0,
@@ -155,9 +172,9 @@ impl Log {
         }
     }
 
-    fn summary(&mut self, now: Instant) -> RoundTrips {
+    fn summary(&mut self) -> RoundTrips {
         self.add_up();
-        let time = now.saturating_duration_since(self.begin);
+        let time = self.end.saturating_duration_since(self.begin);
         RoundTrips::new(&self.all, self.all_lost, time)
     }
 

@@ -31,7 +31,9 @@ impl Pong {
         while answers.writers.is_empty() && !stop::requested() {
             answers.answer_next()?;
         }
-        report.ready();
+        if !answers.writers.is_empty() {
+            report.ready();
+        }
         let begin = Instant::now();
         let period = self.options.period(begin);
         while !period.is_over(Instant::now()) {

@@ -13,7 +13,7 @@ use super::session::{Flow, Session};
 use crate::stop;
 
 /// Samples taken by one call.
-const BATCH: usize = 1000;
+const BATCH: usize = 128;
 /// How long there is no look at signals and the time.
 const LOOK: Duration = Duration::from_millis(100);
 
@@ -36,9 +36,15 @@ impl Subscribe {
         let report = Report::new("sub", self.options.json);
         let session = Session::open(&self.options, self.keep_last)?;
         let reader = session.reader(Flow::Data, None)?;
-        while reader.wait_for_matched(self.peers, LOOK).is_err() && !stop::requested() {}
-        report.ready();
         let mut tally = Tally::new(&self.options);
+        let is_matched = || reader.wait_for_matched(self.peers, LOOK).is_ok();
+        while !is_matched() {
+            if stop::requested() {
+                report.summary(tally.counts.figures(tally.time()));
+                return Ok(());
+            }
+        }
+        report.ready();
         let mut second = Second::new(Instant::now());
         let mut reported = Counts::default();
         let all = Selection::default();
