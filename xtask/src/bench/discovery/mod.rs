@@ -26,6 +26,7 @@ use serde::Serialize;
 pub(crate) use app::App;
 pub(crate) use generator::Generator;
 pub(crate) use probe::Probe;
+pub(super) use programs::as_release_build;
 
 use crate::interrupt;
 use programs::Programs;
