@@ -26,7 +26,9 @@ pub(super) fn round_trips(text: &str) -> Result<Outcome> {
     let lines: Vec<Line<'_>> = text.lines().filter_map(Line::of_round_trips).collect();
     let lines = lines.get(1..).filter(|lines| !lines.is_empty());
     let lines = lines.context("ddsperf told of no round trips")?;
-    let whole = |name: &'static str| median(lines.iter().filter_map(move |line| line.after(name))).map(|half| 2.0 * half);
+    let whole = |name: &'static str| {
+        median(lines.iter().filter_map(move |line| line.after(name))).map(|half| 2.0 * half)
+    };
     let a_second = median(lines.iter().filter_map(|line| line.after("cnt")));
     Ok(Outcome {
         figures: Figures {
@@ -49,7 +51,9 @@ pub(super) fn samples(steady: &str, all: &str) -> Result<Outcome> {
     };
     let between = |name| Some(last.after(name)? - first.after(name)?);
     let seconds = last.time().zip(first.time()).map(|(to, from)| to - from);
-    let samples = between("total").zip(seconds).context("ddsperf's line has another form")?;
+    let samples = between("total")
+        .zip(seconds)
+        .context("ddsperf's line has another form")?;
     let lost = all.lines().filter_map(Line::of_samples).next_back();
     let lost = lost.and_then(|line| line.after("lost"));
     let samples_per_s = samples.0 / samples.1;
@@ -76,7 +80,8 @@ impl<'a> Line<'a> {
     }
 
     fn with(line: &'a str, mark: &str) -> Option<Self> {
-        line.contains(mark).then(|| Self(line.split_whitespace().collect()))
+        line.contains(mark)
+            .then(|| Self(line.split_whitespace().collect()))
     }
 
     /// Seconds since ddsperf was started.

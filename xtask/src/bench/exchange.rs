@@ -38,7 +38,7 @@ pub(super) struct Exchange<'a> {
 }
 
 /// All programs of a running exchange.
-struct Cast {
+pub(super) struct Cast {
     active: Program,
     passive: Vec<Program>,
 }
@@ -46,14 +46,20 @@ struct Cast {
 impl Exchange<'_> {
     /// Starts all programs, measures, ends them.
     pub(super) fn run(&self, run: Run) -> Result<Figures> {
-        let mut cast = self.start()?;
-        let measuring = cast.measuring(self.kind);
-        measuring.iter_mut().try_for_each(Program::wait_steady)?;
+        let cast = self.start_steady()?;
         if run.counts_syscalls {
             self.count_syscalls(cast, run)
         } else {
             self.measure(cast, run)
         }
+    }
+
+    /// Starts all programs, and waits until the samples flow.
+    pub(super) fn start_steady(&self) -> Result<Cast> {
+        let mut cast = self.start()?;
+        let measuring = cast.measuring(self.kind);
+        measuring.iter_mut().try_for_each(Program::wait_steady)?;
+        Ok(cast)
     }
 
     fn start(&self) -> Result<Cast> {
@@ -62,7 +68,9 @@ impl Exchange<'_> {
             Kind::Stream => (Role::Publish, Role::Subscribe),
         };
         let readers = self.sides.passive.iter();
-        let passive = readers.map(|host| self.program(passive, host)).collect::<Result<_>>()?;
+        let passive = readers
+            .map(|host| self.program(passive, host))
+            .collect::<Result<_>>()?;
         Ok(Cast {
             passive,
             active: self.program(active, self.sides.active)?,
@@ -87,14 +95,13 @@ impl Exchange<'_> {
         let before = Usage::of(&cast.pids())?;
         cast.let_measure(self.kind, run.seconds)?;
         let rates = before.rates(&Usage::of(&cast.pids())?);
-        let rss_kb = cast.passive.iter().map(|program| machine::resident_kb(program.pid()));
-        let rss_kb = rss_kb.collect::<Result<Vec<_>>>()?.into_iter().max();
+        let rss_kb = cast.resident_kb()?;
         let outcome = cast.end(self.kind)?;
         let (cpu, switches) = rates.of_a_sample(run.baseline, outcome.samples_per_s);
         Ok(Figures {
             cpu_ns_per_sample: Some(cpu),
             switches_per_sample: Some(switches),
-            rss_kb,
+            rss_kb: Some(rss_kb),
             ..outcome.figures
         })
     }
@@ -139,8 +146,16 @@ impl Cast {
         programs.try_for_each(|(program, told)| program.wait_told(told + 1))
     }
 
-    /// What the measuring programs have seen together.
-    fn end(&mut self, kind: Kind) -> Result<Outcome> {
+    /// Resident memory of the largest program on the passive side.
+    pub(super) fn resident_kb(&self) -> Result<u64> {
+        let programs = self.passive.iter();
+        let sizes = programs.map(|program| machine::resident_kb(program.pid()));
+        let sizes = sizes.collect::<Result<Vec<_>>>()?;
+        sizes.into_iter().max().context("there is no reader")
+    }
+
+    /// Ends all programs; what the measuring ones have seen together.
+    pub(super) fn end(&mut self, kind: Kind) -> Result<Outcome> {
         let measuring = self.measuring(kind);
         let steady: Vec<String> = measuring.iter().map(|program| program.text()).collect();
         self.active.end()?;
@@ -183,7 +198,10 @@ mod tests {
         };
         let all = together(&[reader(10.0, 0), reader(20.0, 3)]).unwrap();
         assert_eq!(all.samples_per_s, 30.0);
-        assert_eq!((all.figures.samples_per_s, all.figures.lost), (Some(30.0), Some(3)));
+        assert_eq!(
+            (all.figures.samples_per_s, all.figures.lost),
+            (Some(30.0), Some(3))
+        );
         assert!(together(&[]).is_err());
     }
 }

@@ -56,7 +56,9 @@ impl Figures {
             ("system calls", self.syscalls_per_sample),
             ("wake-ups/s", self.wakeups_per_s),
         ];
-        let figures = figures.iter().filter_map(|(name, figure)| Some((name, (*figure)?)));
+        let figures = figures
+            .iter()
+            .filter_map(|(name, figure)| Some((name, (*figure)?)));
         let words: Vec<String> = figures
             .map(|(name, figure)| format!("{name} {figure:.2}"))
             .collect();

@@ -61,11 +61,7 @@ impl Hosts {
     }
 
     /// The kernel layers if any of the cases needs them; they go when the value does.
-    pub(super) fn load(
-        &self,
-        programs: &Programs,
-        cases: &[Case],
-    ) -> Result<Vec<KernelLayer<'_>>> {
+    pub(super) fn load(&self, programs: &Programs, cases: &[Case]) -> Result<Vec<KernelLayer<'_>>> {
         if !cases.iter().any(|case| case.stack.is_on_kernel_layer()) {
             return Ok(Vec::new());
         }

@@ -62,7 +62,7 @@ fn watch(
 ) -> Result<Figures> {
     let remote = peers::cyclone_discovery()?;
     let host = &sides.passive[0];
-    let arguments = format!("--endpoints {READERS}");
+    let arguments = format!("--remote --endpoints {READERS}");
     let mut remote = remote.command(&host.netns, &host.interface, &arguments);
     let _remote = Process::spawn("Cyclone DDS", &mut remote)?;
     let mut app = Process::spawn("the idle app", &mut app(programs, stack, sides)?)?;

@@ -77,14 +77,20 @@ impl Rates {
 
 /// User, nice, system and both interrupt times of all CPUs.
 fn busy_ticks(stat: &str) -> Result<u64> {
-    let line = stat.lines().next().and_then(|line| line.strip_prefix("cpu "));
+    let line = stat
+        .lines()
+        .next()
+        .and_then(|line| line.strip_prefix("cpu "));
     let numbers: Vec<u64> = line
         .context("/proc/stat does not begin with the sum of all CPUs")?
         .split_whitespace()
         .map_while(|number| number.parse().ok())
         .collect();
     ensure!(numbers.len() >= 7, "/proc/stat has another form");
-    Ok([0, 1, 2, 5, 6].map(|column: usize| numbers[column]).iter().sum())
+    Ok([0, 1, 2, 5, 6]
+        .map(|column: usize| numbers[column])
+        .iter()
+        .sum())
 }
 
 /// How often the threads of a program have given up a CPU, by themselves or not.
@@ -154,7 +160,8 @@ pub(super) fn syscalls_per_second(programs: &[Pid], watched: Duration) -> Result
 
 /// The first number of perf's `-x,` form.
 fn count(text: &str) -> Option<f64> {
-    text.lines().find_map(|line| line.split(',').next()?.parse().ok())
+    text.lines()
+        .find_map(|line| line.split(',').next()?.parse().ok())
 }
 
 #[cfg(test)]
@@ -170,7 +177,8 @@ mod tests {
 
     #[test]
     fn fields_of_proc_files() {
-        let status = "VmRSS:\t  5120 kB\nvoluntary_ctxt_switches:\t7\nnonvoluntary_ctxt_switches:\t9\n";
+        let status =
+            "VmRSS:\t  5120 kB\nvoluntary_ctxt_switches:\t7\nnonvoluntary_ctxt_switches:\t9\n";
         assert_eq!(field(status, "VmRSS:"), Some(5120));
         assert_eq!(field(status, "voluntary_ctxt_switches:"), Some(7));
         assert_eq!(field(status, "VmHWM:"), None);
@@ -187,14 +195,20 @@ mod tests {
 
     #[test]
     fn what_is_used_at_rest_is_not_a_samples_fault() {
-        let rates = Rates { cpus: 1.5, switches: 10.0 };
+        let rates = Rates {
+            cpus: 1.5,
+            switches: 10.0,
+        };
         assert_eq!(rates.of_a_sample(Baseline(0.5), 1000.0), (1e6, 0.01));
         assert_eq!(rates.of_a_sample(Baseline(2.0), 1000.0).0, 0.0);
     }
 
     #[test]
     fn the_form_of_perf() {
-        assert_eq!(count("29,,raw_syscalls:sys_enter,740844,100.00,,\n"), Some(29.0));
+        assert_eq!(
+            count("29,,raw_syscalls:sys_enter,740844,100.00,,\n"),
+            Some(29.0)
+        );
         assert_eq!(count("event syntax error\n"), None);
     }
 }

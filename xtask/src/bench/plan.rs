@@ -54,7 +54,9 @@ mod tests {
             readers: 1,
         };
         let cases = plan.cases(&Options::default());
-        let cases = cases.iter().map(|case| (case.size, case.pinning, case.stack));
+        let cases = cases
+            .iter()
+            .map(|case| (case.size, case.pinning, case.stack));
         assert_eq!(
             cases.take(4).collect::<Vec<_>>(),
             [

@@ -182,7 +182,10 @@ mod tests {
         let summary = json!({"event": "summary", "role": "ping", "count": 100, "lost": 1, "seconds": 0.5, "p50_us": 7.5});
         let outcome = read_summary(&summary).unwrap();
         assert_eq!(outcome.samples_per_s, 400.0);
-        assert_eq!((outcome.figures.p50_us, outcome.figures.lost), (Some(7.5), Some(1)));
+        assert_eq!(
+            (outcome.figures.p50_us, outcome.figures.lost),
+            (Some(7.5), Some(1))
+        );
         assert_eq!(outcome.figures.samples_per_s, None);
     }
 

@@ -86,7 +86,12 @@ impl UdpEnd {
                 None => lost += 1,
             }
         }
-        print(&round_trips.summary(start.elapsed(), lost));
+        let mut summary = serde_json::to_value(round_trips.summary())?;
+        summary["event"] = json!("summary");
+        summary["role"] = json!("ping");
+        summary["lost"] = json!(lost);
+        summary["seconds"] = json!(start.elapsed().as_secs_f64());
+        print(&summary);
         Ok(())
     }
 
@@ -213,10 +218,21 @@ impl Arrivals {
     }
 
     fn summary(&self) -> Value {
-        let expected = self.numbers.values().map(|(first, highest)| highest - first + 1);
+        let expected = self
+            .numbers
+            .values()
+            .map(|(first, highest)| highest - first + 1);
         let lost = expected.sum::<u64>().saturating_sub(self.count);
-        let seconds = self.period.map_or(0.0, |(from, to)| (to - from).as_secs_f64());
-        let a_second = |count: u64| if seconds > 0.0 { count as f64 / seconds } else { 0.0 };
+        let seconds = self
+            .period
+            .map_or(0.0, |(from, to)| (to - from).as_secs_f64());
+        let a_second = |count: u64| {
+            if seconds > 0.0 {
+                count as f64 / seconds
+            } else {
+                0.0
+            }
+        };
         json!({"event": "summary", "role": "sub", "count": self.count, "lost": lost, "seconds": seconds,
             "samples_per_s": a_second(self.count), "bytes_per_s": a_second(self.bytes)})
     }
@@ -236,7 +252,10 @@ mod tests {
             arrivals.add(now, from, &number.to_ne_bytes());
         }
         let summary = arrivals.summary();
-        assert_eq!((&summary["count"], &summary["lost"]), (&json!(5), &json!(3)));
+        assert_eq!(
+            (&summary["count"], &summary["lost"]),
+            (&json!(5), &json!(3))
+        );
         assert_eq!(summary["samples_per_s"], 5.0 / 7.0);
     }
 }

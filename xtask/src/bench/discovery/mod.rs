@@ -80,7 +80,7 @@ enum Stack {
 impl Discovery {
     /// Measures and prints.
     pub(crate) fn run(&self) -> Result<()> {
-        programs::as_release_build()?;
+        as_release_build()?;
         interrupt::catch()?;
         let programs = Programs::build()?;
         let mut report = Report::default();
