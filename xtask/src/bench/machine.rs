@@ -1,7 +1,6 @@
 //! What a run costs the machine: CPU time of everybody, context switches and system calls of the programs, memory.
 
 use std::fs;
-use std::io;
 use std::process::{Command, Stdio};
 use std::sync::LazyLock;
 use std::thread;
@@ -21,7 +20,7 @@ impl Baseline {
     /// Looks at the machine for a moment in which nobody measures.
     pub(super) fn measure() -> Result<Self> {
         let before = Usage::of(&[])?;
-        thread::sleep(Duration::from_millis(500));
+        thread::sleep(Duration::from_millis(300));
         Ok(Self(before.rates(&Usage::of(&[])?).cpus))
     }
 }
@@ -130,8 +129,8 @@ fn field(status: &str, name: &str) -> Option<u64> {
 /// Whether [`syscalls_per_second`] works here.
 pub(super) fn counts_syscalls() -> bool {
     static WORKS: LazyLock<bool> = LazyLock::new(|| {
-        let this = [Pid::this()];
-        syscalls_per_second(&this, Duration::from_millis(20)).is_ok()
+        let count = perf(&["true"]);
+        count.is_ok_and(|count| count > 0.0)
     });
     *WORKS
 }
@@ -141,27 +140,35 @@ pub(super) fn counts_syscalls() -> bool {
 /// # Errors
 /// Without perf, and where the kernel has no tracepoints.
 pub(super) fn syscalls_per_second(programs: &[Pid], watched: Duration) -> Result<f64> {
-    const EVENT: &str = "raw_syscalls:sys_enter";
     let programs: Vec<String> = programs.iter().map(Pid::to_string).collect();
-    let mut perf = Command::new("perf");
-    perf.args(["stat", "-x,", "-e", EVENT, "-p", &programs.join(",")])
-        .args(["--", "sleep", &watched.as_secs_f64().to_string()])
-        .stdin(Stdio::null());
-    let output = match perf.output() {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => {
-            return Err(error).context("perf is missing (Debian: linux-perf)");
-        }
-        other => other?,
-    };
-    let text = String::from_utf8_lossy(&output.stderr);
-    let count = count(&text).with_context(|| format!("perf counted nothing: {text}"))?;
-    Ok(count / watched.as_secs_f64())
+    let seconds = watched.as_secs_f64();
+    let count = perf(&[
+        "-p",
+        &programs.join(","),
+        "--",
+        "sleep",
+        &seconds.to_string(),
+    ])?;
+    Ok(count / seconds)
 }
 
-/// The first number of perf's `-x,` form.
+fn perf(whom: &[&str]) -> Result<f64> {
+    let output = Command::new("perf")
+        .args(["stat", "-x,", "-e", "raw_syscalls:sys_enter"])
+        .args(whom)
+        .stdin(Stdio::null())
+        .output()
+        .context("perf cannot be started (Debian: linux-perf)")?;
+    let text = String::from_utf8_lossy(&output.stderr);
+    count(&text).with_context(|| format!("perf counted nothing: {text}"))
+}
+
+/// The first number of perf's `-x,` form. A program that did nothing was not counted.
 fn count(text: &str) -> Option<f64> {
-    text.lines()
-        .find_map(|line| line.split(',').next()?.parse().ok())
+    text.lines().find_map(|line| match line.split(',').next()? {
+        "<not counted>" => Some(0.0),
+        number => number.parse().ok(),
+    })
 }
 
 #[cfg(test)]
@@ -208,6 +215,10 @@ mod tests {
         assert_eq!(
             count("29,,raw_syscalls:sys_enter,740844,100.00,,\n"),
             Some(29.0)
+        );
+        assert_eq!(
+            count("<not counted>,,raw_syscalls:sys_enter,0\n"),
+            Some(0.0)
         );
         assert_eq!(count("event syntax error\n"), None);
     }

@@ -38,13 +38,16 @@ pub(super) fn measure(
             eprintln!("system calls are not counted: that needs perf (Debian: linux-perf)");
             break;
         }
-        let how = Run {
-            seconds: if counts_syscalls { COUNTING } else { seconds },
-            baseline: Baseline::measure()?,
-            counts_syscalls,
-        };
         for (case, runs) in cases.iter().zip(&mut runs) {
-            let result = run(case, how);
+            let result = Baseline::measure().and_then(|baseline| {
+                let seconds = if counts_syscalls { COUNTING } else { seconds };
+                let how = Run {
+                    seconds,
+                    baseline,
+                    counts_syscalls,
+                };
+                run(case, how)
+            });
             interrupt::check()?;
             report(round, case, &result);
             runs.extend(result);
