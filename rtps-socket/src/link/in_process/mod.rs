@@ -3,7 +3,6 @@
 //! No privileges, no daemon. Samples take the user socket and go to the app's endpoints; everything else is for the
 //! layer's discovery, which runs whenever the driver does.
 
-mod address_watch;
 mod interfaces;
 mod sockets;
 mod static_peers;
@@ -16,6 +15,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use rtps_ebpf::SlotSet;
+use rtps_net::{AddressWatch, Interface};
 use rtps_user::discovery::for_interface;
 use rtps_user::layer::protocol::{FromLayer, Hello, LAYER_PROTOCOL_VERSION, ToLayer};
 use rtps_user::layer::{Layer, LayerConfig, LayerOutput};
@@ -23,8 +23,6 @@ use rtps_user::wire::GuidPrefix;
 use rtps_user::{Transmit, ipv6};
 use thiserror::Error;
 
-use self::address_watch::AddressWatch;
-use self::interfaces::Interface;
 use self::sockets::{Kind, Sockets};
 use super::{Burst, FIRST, Identity, LayerKind, Link, Settings, Sink, log_send_error};
 use crate::link::sender::Sender;
@@ -141,7 +139,7 @@ impl InProcessLink {
 
     /// Sends to an address; an announcement names the addresses first of the interface that leads there.
     fn send_to_one(&self, socket: &UdpSocket, to: SocketAddr) {
-        let addresses = || interfaces::addresses_towards(&self.interfaces, to);
+        let addresses = || rtps_net::addresses_towards(&self.interfaces, to);
         let datagram = for_interface(&self.outgoing, addresses);
         if let Err(error) = socket.send_to(&datagram, ipv6::to_socket(to)) {
             log_send_error(to, datagram.len(), &error);
@@ -306,7 +304,7 @@ fn layer_config(
         .peers
         .extend(static_peers::from_environment(settings.domain));
     config.multicast = sockets.groups();
-    config.datagram_size = interfaces::datagram_size(interfaces);
+    config.datagram_size = rtps_net::datagram_size(interfaces);
     Ok(config)
 }
 
@@ -317,10 +315,7 @@ fn locators(interfaces: &[Interface], port: u16) -> Vec<SocketAddr> {
     let announced = interfaces
         .iter()
         .filter(|interface| is_alone || !interface.is_loopback);
-    ipv6::locators(
-        announced.map(|interface| interface.addresses.as_slice()),
-        port,
-    )
+    rtps_net::locators(announced, port)
 }
 
 /// Without it, addresses stay as they are now.

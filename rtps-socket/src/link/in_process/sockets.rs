@@ -5,10 +5,10 @@ use std::io;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::os::fd::AsFd;
 
+use rtps_net::Interface;
 use rtps_user::ipv6;
 
 use super::InProcessError;
-use super::interfaces::Interface;
 use crate::sys::{Epoll, Interest, udp};
 
 /// The group of SPDP for IPv4 (RTPS 2.5 section 9.6.2.4.1).
