@@ -26,7 +26,7 @@ use thiserror::Error;
 
 use self::lookahead::Lookahead;
 use self::sockets::{Kind, Sockets};
-use super::{Burst, FIRST, Identity, LayerKind, Link, Settings, Sink, log_send_error};
+use super::{Arrivals, Burst, FIRST, Identity, LayerKind, Link, Settings, Sink, log_send_error};
 use crate::link::sender::Sender;
 use crate::sys::receive::{ReceiveBuffer, Received};
 use crate::sys::{Epoll, Interest, Wakeups, random_bytes, udp};
@@ -292,6 +292,10 @@ impl Link for InProcessLink {
         if wakeups.contains(ADDRESSES) {
             self.refresh_interfaces(now);
         }
+    }
+
+    fn arrivals(&self) -> Option<Arc<dyn Arrivals>> {
+        None
     }
 
     fn prepare_sleep(&mut self) -> bool {
