@@ -383,3 +383,6 @@ fn log_receive_error(error: &io::Error) {
         tracing::debug!(%error, "datagram not received");
     }
 }
+
+#[cfg(test)]
+mod tests;
