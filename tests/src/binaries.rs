@@ -1,4 +1,4 @@
-//! The binaries that tests and demo start, built in release mode: rtpsd, `rtps`, and the examples of rtps-socket.
+//! The binaries that tests, demo and benchmarks start: rtpsd, rtps and the examples of rtps-socket, built in release mode.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
