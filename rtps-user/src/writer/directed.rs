@@ -55,7 +55,7 @@ impl Writer {
 
     /// Bytes that one reader alone may be sent at once: with what all are sent, they shall fit its inbox.
     pub(super) fn repair_budget(&self) -> usize {
-        self.window.size() / 2
+        (self.window.size() / 2).max(1)
     }
 
     /// The next datagram for a single reader.

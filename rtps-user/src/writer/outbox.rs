@@ -1,7 +1,7 @@
 //! What is to be sent to one reader alone: what it asked for, and what it must know.
 
 use std::collections::VecDeque;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use super::requests::{ChangeRequest, FragmentRequest};
 use super::suppression::Suppression;
@@ -48,6 +48,8 @@ impl Outbox {
     /// So many sets of fragments are kept, more than a reader can ask for in one datagram; it repeats what is
     /// forgotten.
     const MAX_FRAGMENT_REQUESTS: usize = 32;
+    /// Time must pass, or else what waits would be looked at for ever.
+    const MIN_PAUSE: Duration = Duration::from_millis(1);
 
     /// The reader must be told what the writer has, and that it need not wait for what is below `start`.
     pub(super) fn greet(&mut self, start: SequenceNumber) {
@@ -199,7 +201,7 @@ impl Outbox {
         let can_answer = self.replay.is_none();
         self.heartbeat |= can_answer && !self.is_paused;
         self.is_paused = true;
-        self.not_before = Some(now + timing.nack_suppression);
+        self.not_before = Some(now + timing.nack_suppression.max(Self::MIN_PAUSE));
     }
 
     fn fill_gap_to_start(&mut self, source: &Source<'_>, packet: &mut Packet<'_>) -> bool {

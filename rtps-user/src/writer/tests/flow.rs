@@ -159,3 +159,25 @@ fn the_past_is_replayed_in_parts() {
     assert_eq!(bench.pass(Duration::from_millis(5)).len(), 46);
     assert_eq!(bench.writer.poll_timeout(), None);
 }
+
+#[test]
+fn the_smallest_window_still_lets_everything_through() {
+    let timing = WriterTiming {
+        max_unacknowledged_bytes: 0,
+        nack_suppression: Duration::ZERO,
+        ..WriterTiming::default()
+    };
+    let qos = reliable(Durability::TransientLocal);
+    let mut bench = Bench::with_timing(qos.clone(), timing);
+    bench.match_reader(1, 7411, qos);
+    bench.lines();
+    for base in 2..=4 {
+        assert_eq!(bench.write_all(), 1);
+        bench.lines();
+        bench.acknack(1, base, &[]);
+    }
+    bench.acknack(1, 1, &[1, 2, 3]);
+    let lines = bench.pass(Duration::from_millis(100));
+    let repeated = |number| format!("DATA {number} to 1");
+    assert!((1..=3).all(|number| lines.contains(&repeated(number))));
+}
