@@ -25,7 +25,7 @@ impl Shared {
         let mut has_looked = false;
         let mut spinning = Spinning::new(self.busy_poll);
         let mut now = Instant::now();
-        core.batching.interrupt();
+        core.batching.sent();
         core.receive(now, Wakeups::default());
         let found = loop {
             let found = look(&mut core, now);
