@@ -28,8 +28,8 @@ const STALE: std::time::Duration = std::time::Duration::from_secs(1);
 pub(super) enum Progress {
     /// Nothing that somebody waits for.
     Incomplete,
-    /// The last of the fragments that were asked for: it is time to ask for more.
-    Repaired,
+    /// The last of the fragments that were asked for then: it is time to ask for more.
+    Repaired(Instant),
     /// The rest of a sample.
     Complete(Assembled),
 }
@@ -41,8 +41,8 @@ pub(super) struct Assembled {
     pub(super) inline_qos: InlineQos,
     pub(super) kind: PayloadKind,
     pub(super) payload: Bytes,
-    /// Fragments of it had to be asked for.
-    pub(super) is_repaired: bool,
+    /// When fragments of it had to be asked for.
+    pub(super) asked: Option<Instant>,
 }
 
 /// How much is to be asked for at once.
@@ -134,11 +134,9 @@ impl Reassembly {
         partial.add(now, fragment);
         self.bytes += partial.buffer.len() - before;
         if !partial.is_complete() {
-            return if partial.completes_request(fragment) {
-                Progress::Repaired
-            } else {
-                Progress::Incomplete
-            };
+            return partial
+                .completes_request(fragment)
+                .map_or(Progress::Incomplete, Progress::Repaired);
         }
         match self.take(fragment.sequence) {
             Some(partial) => Progress::Complete(partial.into_assembled()),
@@ -316,15 +314,16 @@ impl Partial {
         }
     }
 
-    /// Whether these are the last fragments that were asked for; they are on the way no more then.
-    fn completes_request(&mut self, fragment: &DataFrag<'_>) -> bool {
+    /// When these were asked for, if they are the last of those; they are on the way no more then.
+    fn completes_request(&mut self, fragment: &DataFrag<'_>) -> Option<Instant> {
+        let (last, asked) = self.asked?;
         let first = i64::from(fragment.first_fragment);
         let numbers = first..first + i64::from(fragment.fragment_count);
-        let completes = self.asked.is_some_and(|(last, _)| numbers.contains(&last));
-        if completes {
-            self.asked = None;
+        if !numbers.contains(&last) {
+            return None;
         }
-        completes
+        self.asked = None;
+        Some(asked)
     }
 
     fn into_assembled(self) -> Assembled {
@@ -333,7 +332,7 @@ impl Partial {
             inline_qos: self.inline_qos,
             kind: self.kind,
             payload: Bytes::from(self.buffer),
-            is_repaired: self.asked.is_some(),
+            asked: self.asked.map(|(_, asked)| asked),
         }
     }
 

@@ -25,7 +25,9 @@ use crate::wire::{Gap, Guid, Heartbeat, SequenceNumber, SequenceNumberSet};
 /// What the GUID prefixes of Fast DDS begin with: its vendor id, as RTPS 2.5 section 9.3.1.5 asks for.
 const FAST_DDS: [u8; 2] = [0x01, 0x0f];
 /// Changes held because one before them is missing, or because the cache is full.
-const MAX_HELD: usize = 8192;
+const MAX_HELD: usize = 1 << 16;
+/// What a change that is held takes beside its payload.
+const HELD_OVERHEAD: usize = 256;
 /// Ranges of numbers that are dealt with beyond missing ones.
 const MAX_RANGES: usize = 4096;
 
@@ -369,7 +371,7 @@ impl WriterProxy {
             match cache.admit(first.get()) {
                 Ok(place) => {
                     let change = first.remove();
-                    self.held_bytes -= change.payload.len();
+                    self.held_bytes -= change.payload.len() + HELD_OVERHEAD;
                     cache.store(place, change, events);
                 }
                 Err(reason) => {
@@ -397,7 +399,7 @@ impl WriterProxy {
     fn hold(&mut self, change: Change) {
         self.done
             .insert(change.sequence.0..change.sequence.next().0);
-        self.held_bytes += change.payload.len();
+        self.held_bytes += change.payload.len() + HELD_OVERHEAD;
         self.held.insert(change.sequence, change);
     }
 
