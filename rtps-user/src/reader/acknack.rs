@@ -172,6 +172,7 @@ impl WriterProxy {
             .patience(config.timing.nack_suppression);
         let timing = &ReaderTiming {
             nack_suppression: patience,
+            fragment_silence: config.timing.fragment_silence.min(patience),
             ..config.timing
         };
         let sets = config.datagram_size.saturating_sub(ACKNACK_MESSAGE_LEN) / NACK_FRAG_LEN;
@@ -180,8 +181,10 @@ impl WriterProxy {
             sets: sets.max(1),
             bytes,
         };
-        let announced = self.announced();
-        let (fragments, later) = self.reassembly.requests(now, announced, timing, &mut limit);
+        let (announced, newest) = (self.announced(), self.newest_held());
+        let (fragments, later) = self
+            .reassembly
+            .requests(now, announced, newest, timing, &mut limit);
         // However large it is, one has to come some day.
         let least = usize::from(limit.bytes == bytes);
         let most = self.changes_in(limit.bytes).max(least);

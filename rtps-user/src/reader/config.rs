@@ -70,8 +70,9 @@ pub struct ReaderTiming {
     /// Bytes of missing samples and fragments that are asked for at once, so that their repairs find room where the
     /// reader's datagrams wait. When the last of them has come, more are asked for.
     pub max_requested_bytes: usize,
-    /// How long fragments of a sample must have ceased to come before those behind the last received one count
-    /// as lost, and not just as not sent yet.
+    /// How long at the most fragments of the newest sample must have ceased to come before those behind the last
+    /// received one count as lost, and not just as not sent yet. It is less where repairs have been seen to come
+    /// sooner.
     pub fragment_silence: Duration,
     /// How soon the ACKNACK that greets a writer is repeated while no HEARTBEAT answers it; doubles each time.
     pub greeting_period: Duration,

@@ -129,6 +129,13 @@ impl WriterProxy {
         self.announced
     }
 
+    /// The newest change that is held.
+    pub(super) fn newest_held(&self) -> SequenceNumber {
+        self.held
+            .last_key_value()
+            .map_or(SequenceNumber::ZERO, |(sequence, _)| *sequence)
+    }
+
     /// How many changes are held.
     pub(super) fn held_count(&self) -> usize {
         self.held.len()
