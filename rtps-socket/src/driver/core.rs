@@ -117,6 +117,11 @@ impl Core {
         })
     }
 
+    /// Has others see USER_DATA of the participant.
+    pub(crate) fn describe(&mut self, now: Instant, user_data: Vec<u8>) {
+        self.link.request(now, ToLayer::Describe(user_data));
+    }
+
     /// Asserts the liveliness of all writers that want the app to do so.
     pub(crate) fn assert_liveliness(&mut self, now: Instant) {
         self.link.request(now, ToLayer::AssertLiveliness);

@@ -1,13 +1,14 @@
 //! Everything that needs `unsafe`: memory shared with the kernel, and system calls that have no safe wrapper.
 //!
 //! [`RingConsumer`] and [`Bell`] map what the kernel layer hands to an app, [`Epoll`] waits with nanosecond
-//! timeouts, and [`seqpacket`] and [`udp`] are the sockets of the two links. What leaves this room is safe to
+//! timeouts, and [`seqpacket`], [`udp`] and [`receive`] are the sockets of the two links. What leaves this room is safe to
 //! call in any order.
 
 mod bell;
 mod epoll;
 mod mapping;
 mod random;
+pub(crate) mod receive;
 mod ring;
 pub(crate) mod seqpacket;
 pub(crate) mod udp;
