@@ -175,7 +175,7 @@ impl Reader {
             inline_qos: data.inline_qos,
             kind: data.kind,
         };
-        self.receive(place, arrival, Payload::Borrowed(data.payload), None);
+        self.receive(place, &arrival, Payload::Borrowed(data.payload), None);
     }
 
     /// DATA_FRAG of a writer, with the source timestamp that the message said before it.
@@ -217,7 +217,7 @@ impl Reader {
             kind: assembled.kind,
         };
         let payload = Payload::Owned(assembled.payload);
-        self.receive(place, arrival, payload, assembled.asked);
+        self.receive(place, &arrival, payload, assembled.asked);
     }
 
     /// GAP of a writer.
@@ -431,7 +431,7 @@ impl Reader {
     fn receive(
         &mut self,
         place: u32,
-        arrival: Arrival,
+        arrival: &Arrival,
         payload: Payload<'_>,
         asked: Option<Instant>,
     ) {

@@ -198,7 +198,7 @@ impl WriterProxy {
     pub(super) fn receive(
         &mut self,
         config: &ReaderConfig,
-        arrival: Arrival,
+        arrival: &Arrival,
         payload: Payload<'_>,
         cache: &mut Cache,
         events: &mut Events,
@@ -206,7 +206,7 @@ impl WriterProxy {
         self.note_size(payload.as_slice().len());
         match arrival.meaning(config, payload.as_slice()) {
             Meaning::Update(instance) => {
-                let change = arrival.into_change(instance, payload.into_bytes());
+                let change = arrival.to_change(instance, payload.into_bytes());
                 self.accept(change, cache, events);
             }
             Meaning::Irrelevant => self.skip(arrival.sequence, cache, events),
