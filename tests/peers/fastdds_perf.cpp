@@ -40,8 +40,9 @@ namespace {
 constexpr uint32_t SYNCHRONOUS_MAX = 60000;
 constexpr uint32_t ENCAPSULATION_SIZE = 4;
 constexpr uint32_t NUMBER_SIZE = 8;
-// A history holds no more bytes of samples than this, but some samples.
-constexpr uint32_t HISTORY_BYTES = 64 << 20;
+// A history holds no more bytes of samples than the socket of a reader, but some samples.
+constexpr uint32_t HISTORY_BYTES = 2 << 20;
+constexpr uint32_t SOCKET_BUFFER = 4 << 20;
 
 struct Options {
     std::string role;
@@ -148,6 +149,9 @@ DomainParticipantQos participant_qos()
     auto udp = std::make_shared<UDPv4TransportDescriptor>();
     if (!options.interface.empty())
         udp->interfaceWhiteList.emplace_back(options.interface);
+    // The system's default holds some hundred small samples, which a fast writer overruns again and again.
+    udp->sendBufferSize = SOCKET_BUFFER;
+    udp->receiveBufferSize = SOCKET_BUFFER;
     qos.transport().use_builtin_transports = false;
     qos.transport().user_transports.push_back(udp);
     return qos;
