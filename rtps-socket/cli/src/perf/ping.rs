@@ -8,10 +8,10 @@ use clap::Args;
 use rtps_socket::{RawReader, RawSample, RawWriter};
 
 use super::histogram::Histogram;
-use super::options::Options;
+use super::options::{Options, bytes};
 use super::pace::{Pace, Second};
 use super::report::{Report, RoundTrips};
-use super::session::{Flow, Session, partition_of, sample};
+use super::session::{Flow, Session, marked, partition_of};
 use super::topic::{Template, Topic};
 use crate::stop;
 
@@ -25,8 +25,8 @@ const FIRST_PATIENCE: Duration = Duration::from_millis(50);
 pub(crate) struct Ping {
     #[command(flatten)]
     options: Options,
-    /// Bytes of a sample, 12 or more on topic KS.
-    #[arg(long, default_value_t = 0)]
+    /// Bytes of a sample, 12 or more on topic KS; k and M are understood.
+    #[arg(long, value_parser = bytes, default_value = "0")]
     size: u32,
     /// Pings a second; the next follows the last answer unless given.
     #[arg(long)]
@@ -41,12 +41,16 @@ impl Ping {
     pub(crate) fn run(self) -> Result<()> {
         let report = Report::new("ping", self.options.json);
         let mut pings = Pings::new(&self)?;
-        while pings.exchange(FIRST_PATIENCE, |_| {})? > 0 {
-            if stop::requested() {
-                break;
-            }
+        let mut log = Log::new(Instant::now());
+        if pings.find_peers()? {
+            report.ready();
+            log = self.measure(&mut pings, &report)?;
         }
-        report.ready();
+        report.summary(log.summary());
+        Ok(())
+    }
+
+    fn measure(&self, pings: &mut Pings, report: &Report) -> Result<Log> {
         let now = Instant::now();
         let period = self.options.period(now);
         let mut pace = self.rate.map(|rate| Pace::new(now, rate));
@@ -55,14 +59,14 @@ impl Ping {
             let lost = pings.exchange(PATIENCE, |time| log.histogram.record(time))?;
             log.lost += u64::from(lost);
             let now = Instant::now();
+            log.end = now;
             if period.is_over(now) {
-                report.summary(log.summary(now));
-                return Ok(());
+                return Ok(log);
             }
             if log.begin < period.start && now >= period.start {
                 log = Log::new(now);
             }
-            log.report_second(now, &report);
+            log.report_second(now, report);
             if let Some(sleep) = pace.as_mut().and_then(|pace| pace.next_after(now)) {
                 thread::sleep(sleep);
             }
@@ -83,7 +87,7 @@ struct Pings {
 
 impl Pings {
     fn new(ping: &Ping) -> Result<Self> {
-        let session = Session::open(&ping.options, None)?;
+        let session = Session::open_to_ping(&ping.options)?;
         let writer = session.writer(Flow::Ping, None)?;
         let guid = writer.guid();
         // Tells apart the answers to programs that are the same participant.
@@ -100,10 +104,21 @@ impl Pings {
         })
     }
 
+    /// Pings until all answer; false when told to stop before.
+    fn find_peers(&mut self) -> Result<bool> {
+        while self.exchange(FIRST_PATIENCE, |_| {})? > 0 {
+            if stop::requested() {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
     /// Sends a ping and tells of each answer how long it took; returns how many did not come in time.
     fn exchange(&mut self, patience: Duration, mut answered: impl FnMut(Duration)) -> Result<u32> {
         self.seq = self.seq.wrapping_add(1);
-        let ping = sample(&self.template, self.seq, SystemTime::now(), true);
+        let asked = marked(SystemTime::now(), true);
+        let ping = self.template.sample(self.seq, asked);
         let mut missing = self.peers;
         let start = Instant::now();
         self.writer.send_change(ping)?;
@@ -129,6 +144,7 @@ impl Pings {
 /// What was measured, in all and since the last line.
 struct Log {
     begin: Instant,
+    end: Instant,
     second: Second,
     histogram: Histogram,
     lost: u64,
@@ -140,6 +156,7 @@ impl Log {
     fn new(begin: Instant) -> Self {
         Self {
             begin,
+            end: begin,
             second: Second::new(begin),
             histogram: Histogram::default(),
             lost: 0,
@@ -155,9 +172,9 @@ impl Log {
         }
     }
 
-    fn summary(&mut self, now: Instant) -> RoundTrips {
+    fn summary(&mut self) -> RoundTrips {
         self.add_up();
-        let time = now.saturating_duration_since(self.begin);
+        let time = self.end.saturating_duration_since(self.begin);
         RoundTrips::new(&self.all, self.all_lost, time)
     }
 

@@ -31,7 +31,9 @@ impl Pong {
         while answers.writers.is_empty() && !stop::requested() {
             answers.answer_next()?;
         }
-        report.ready();
+        if !answers.writers.is_empty() {
+            report.ready();
+        }
         let begin = Instant::now();
         let period = self.options.period(begin);
         while !period.is_over(Instant::now()) {
@@ -52,7 +54,7 @@ struct Answers {
 
 impl Answers {
     fn new(options: &Options) -> Result<Self> {
-        let session = Session::open(options, None)?;
+        let session = Session::open_to_ping(options)?;
         Ok(Self {
             reader: session.reader(Flow::Ping, None)?,
             session,

@@ -8,10 +8,10 @@ use clap::Args;
 use rtps_socket::RawWriter;
 use rtps_socket::error::WriteError;
 
-use super::options::{Options, Period};
+use super::options::{Options, Period, bytes};
 use super::pace::{Pace, Second};
 use super::report::{Report, Sent};
-use super::session::{Flow, Session, sample};
+use super::session::{Flow, Session, marked};
 use super::topic::Template;
 use crate::stop;
 
@@ -27,8 +27,8 @@ const LINGER: Duration = Duration::from_secs(10);
 pub(crate) struct Publish {
     #[command(flatten)]
     options: Options,
-    /// Bytes of a sample, 12 or more on topic KS.
-    #[arg(long, default_value_t = 0)]
+    /// Bytes of a sample, 12 or more on topic KS; k and M are understood.
+    #[arg(long, value_parser = bytes, default_value = "0")]
     size: u32,
     /// Keep the last N samples instead of all, as ddsperf's -k.
     #[arg(short = 'k', long, value_name = "N")]
@@ -51,7 +51,13 @@ impl Publish {
         let template = Template::new(self.options.topic, self.size, 0)?;
         let session = Session::open(&self.options, self.keep_last)?;
         let writer = session.writer(Flow::Data, None)?;
-        while writer.wait_for_matched(self.peers, LOOK).is_err() && !stop::requested() {}
+        let is_matched = || writer.wait_for_matched(self.peers, LOOK).is_ok();
+        while !is_matched() {
+            if stop::requested() {
+                report.summary(Sent::default());
+                return Ok(());
+            }
+        }
         report.ready();
         let mut stream = Stream::new(&writer, &template, &self);
         stream.run(&report)?;
@@ -118,7 +124,7 @@ impl<'a> Stream<'a> {
     }
 
     fn write_burst(&mut self) -> Result<()> {
-        let now = SystemTime::now();
+        let now = marked(SystemTime::now(), false);
         for _ in 0..self.burst {
             while !self.write(now)? {
                 if stop::requested() {
@@ -131,7 +137,7 @@ impl<'a> Stream<'a> {
 
     /// Whether there was room for it.
     fn write(&mut self, now: SystemTime) -> Result<bool> {
-        let sample = sample(self.template, self.seq, now, false);
+        let sample = self.template.sample(self.seq, now);
         match self.writer.send_change(sample) {
             Ok(_) => {
                 self.seq = self.seq.wrapping_add(1);

@@ -59,7 +59,7 @@ pub(crate) struct Received {
 }
 
 /// Samples that were sent.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Default, Serialize)]
 pub(crate) struct Sent {
     count: u64,
     seconds: f64,

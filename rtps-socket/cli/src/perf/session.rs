@@ -3,12 +3,9 @@
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use anyhow::Result;
-use rtps_socket::{
-    ChangeKind, EntityId, GuidPrefix, Qos, RawChange, RawReader, RawWriter, RtpsSocket,
-};
+use rtps_socket::{EntityId, GuidPrefix, Qos, RawReader, RawWriter, RtpsSocket};
 
 use super::options::Options;
-use super::topic::Template;
 
 /// What a reliable data writer and reader keep at most.
 const MAX_SAMPLES: u32 = 10_000;
@@ -38,12 +35,28 @@ pub(crate) struct Session {
 impl Session {
     /// Joins the domain. Data is kept whole unless `keep_last` says how many samples of an instance.
     pub(crate) fn open(options: &Options, keep_last: Option<u32>) -> Result<Self> {
-        let socket = RtpsSocket::builder()
+        Self::with_user_data(options, keep_last, "")
+    }
+
+    /// Joins the domain as a participant that ddsperf answers, and whose answers it waits for.
+    pub(crate) fn open_to_ping(options: &Options) -> Result<Self> {
+        let system = nix::sys::utsname::uname()?;
+        let host = system.nodename().to_string_lossy();
+        // Whether there is a reader of data, the process, and where it runs.
+        let user_data = format!("DDSPerf:0:{}:{}", std::process::id(), host);
+        Self::with_user_data(options, None, &user_data)
+    }
+
+    fn with_user_data(options: &Options, keep_last: Option<u32>, user_data: &str) -> Result<Self> {
+        let mut builder = RtpsSocket::builder()
             .domain(options.domain)
             .layer(options.layer())
-            .open()?;
+            .user_data(user_data);
+        if let Some(micros) = options.busy_poll {
+            builder = builder.busy_poll(Duration::from_micros(micros));
+        }
         Ok(Self {
-            socket,
+            socket: builder.open()?,
             options: options.clone(),
             keep_last,
         })
@@ -108,22 +121,8 @@ pub(crate) fn partition_of(participant: GuidPrefix) -> String {
     words.collect::<Vec<_>>().join("_")
 }
 
-/// A sample of a template; `wants_answer` is said by the lowest bit of the source timestamp, as ddsperf does.
-pub(crate) fn sample(
-    template: &Template,
-    seq: u32,
-    now: SystemTime,
-    wants_answer: bool,
-) -> RawChange {
-    RawChange {
-        kind: ChangeKind::Alive,
-        instance: template.instance(),
-        payload: template.sample(seq),
-        timestamp: Some(marked(now, wants_answer)),
-    }
-}
-
-/// The time with its lowest bit set or not.
+/// The time with its lowest bit set or not. In the source timestamp of a sample it says whether an answer is wanted, and
+/// in that of an answer whether it is one to a ping.
 pub(crate) fn marked(time: SystemTime, mark: bool) -> SystemTime {
     let since_epoch = time.duration_since(UNIX_EPOCH).unwrap_or_default();
     let nanos = since_epoch.subsec_nanos() & !1 | u32::from(mark);

@@ -13,7 +13,7 @@ use super::session::{Flow, Session};
 use crate::stop;
 
 /// Samples taken by one call.
-const BATCH: usize = 1000;
+const BATCH: usize = 128;
 /// How long there is no look at signals and the time.
 const LOOK: Duration = Duration::from_millis(100);
 
@@ -36,9 +36,15 @@ impl Subscribe {
         let report = Report::new("sub", self.options.json);
         let session = Session::open(&self.options, self.keep_last)?;
         let reader = session.reader(Flow::Data, None)?;
-        while reader.wait_for_matched(self.peers, LOOK).is_err() && !stop::requested() {}
-        report.ready();
         let mut tally = Tally::new(&self.options);
+        let is_matched = || reader.wait_for_matched(self.peers, LOOK).is_ok();
+        while !is_matched() {
+            if stop::requested() {
+                report.summary(tally.counts.figures(tally.time()));
+                return Ok(());
+            }
+        }
+        report.ready();
         let mut second = Second::new(Instant::now());
         let mut reported = Counts::default();
         let all = Selection::default();
@@ -66,12 +72,15 @@ struct Tally {
     options: Options,
     /// From the first sample on.
     period: Option<Period>,
-    /// The number that is next, of each writer.
-    expected: Vec<(Guid, u32)>,
+    expected: Expected,
     counts: Counts,
     /// The arrival of the first and the last sample that counts.
     span: Option<(Instant, Instant)>,
 }
+
+/// The number that is next, of each writer.
+#[derive(Debug, Default)]
+struct Expected(Vec<(Guid, u32)>);
 
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 struct Counts {
@@ -85,7 +94,7 @@ impl Tally {
         Self {
             options: options.clone(),
             period: None,
-            expected: Vec::new(),
+            expected: Expected::default(),
             counts: Counts::default(),
             span: None,
         }
@@ -96,7 +105,9 @@ impl Tally {
             let Some(contents) = self.options.topic.read(&sample.payload) else {
                 continue;
             };
-            let lost = self.missing_before(sample.info.writer, contents.seq);
+            let lost = self
+                .expected
+                .missing_before(sample.info.writer, contents.seq);
             let arrival = sample.info.reception;
             let period = self
                 .period
@@ -118,21 +129,23 @@ impl Tally {
         }
     }
 
-    /// How many numbers a writer has left out; it may begin with any.
-    fn missing_before(&mut self, writer: Guid, seq: u32) -> u32 {
-        let next = seq.wrapping_add(1);
-        match self.expected.iter_mut().find(|(known, _)| *known == writer) {
-            Some((_, expected)) => seq.wrapping_sub(std::mem::replace(expected, next)),
-            None => {
-                self.expected.push((writer, next));
-                0
-            }
-        }
-    }
-
     fn time(&self) -> Duration {
         let span = self.span;
         span.map_or(Duration::ZERO, |(first, last)| last - first)
+    }
+}
+
+impl Expected {
+    /// How many numbers a writer has left out; it may begin with any.
+    fn missing_before(&mut self, writer: Guid, seq: u32) -> u32 {
+        let next = seq.wrapping_add(1);
+        match self.0.iter_mut().find(|(known, _)| *known == writer) {
+            Some((_, expected)) => seq.wrapping_sub(std::mem::replace(expected, next)),
+            None => {
+                self.0.push((writer, next));
+                0
+            }
+        }
     }
 }
 
@@ -153,5 +166,24 @@ impl Counts {
             samples_per_s: per_second(self.count, time),
             bytes_per_s: per_second(self.bytes, time),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_that_a_writer_leaves_out_are_missing() {
+        let mut expected = Expected::default();
+        let [one, other] = [1, 2].map(|number| Guid::from_bytes([number; 16]));
+        let mut missing = |writer, seq| expected.missing_before(writer, seq);
+        assert_eq!(missing(one, 7), 0, "it may begin with any");
+        assert_eq!(missing(one, 8), 0);
+        assert_eq!(missing(other, 3), 0);
+        assert_eq!(missing(one, 11), 2);
+        assert_eq!(missing(one, 12), 0);
+        assert_eq!(missing(other, u32::MAX), u32::MAX - 4);
+        assert_eq!(missing(other, 1), 1);
     }
 }

@@ -4,11 +4,12 @@
 //! the same: `seq`, the key `keyval` but in OneULong, and the octets that make up the size, in KeyedSeq a sequence.
 
 use std::sync::Arc;
+use std::time::SystemTime;
 
 use anyhow::{Result, ensure};
 use clap::ValueEnum;
 use rtps_socket::cdr::{ByteOrder, Encapsulation};
-use rtps_socket::{Bytes, InstanceOf, KeyHash, PayloadKind};
+use rtps_socket::{Bytes, ChangeKind, InstanceOf, KeyHash, PayloadKind, RawChange};
 
 /// The encapsulation header of little-endian CDR; its last byte says how many bytes of padding end the payload.
 const HEADER: [u8; 4] = [0, 1, 0, 0];
@@ -178,15 +179,19 @@ impl Template {
     }
 
     /// The sample with this number.
-    pub(crate) fn sample(&self, seq: u32) -> Bytes {
+    pub(crate) fn sample(&self, seq: u32, timestamp: SystemTime) -> RawChange {
+        RawChange {
+            kind: ChangeKind::Alive,
+            instance: self.instance,
+            payload: self.payload(seq),
+            timestamp: Some(timestamp),
+        }
+    }
+
+    fn payload(&self, seq: u32) -> Bytes {
         let mut payload = self.payload.clone();
         payload[SEQ].copy_from_slice(&seq.to_le_bytes());
         payload.into()
-    }
-
-    /// The instance of all of them.
-    pub(crate) fn instance(&self) -> KeyHash {
-        self.instance
     }
 }
 
@@ -205,7 +210,7 @@ mod tests {
     fn what_is_written_is_read() {
         for topic in TOPICS {
             let template = Template::new(topic, 0, 7).unwrap();
-            let contents = topic.read(&template.sample(9)).unwrap();
+            let contents = topic.read(&template.payload(9)).unwrap();
             let key = if topic.has_key() { 7 } else { 0 };
             let size = topic.least_size();
             assert_eq!(contents, Contents { seq: 9, key, size });
@@ -216,7 +221,7 @@ mod tests {
     fn a_sequence_of_any_length_is_padded() {
         for size in 12..20 {
             let template = Template::new(Topic::KeyedSeq, size, 0).unwrap();
-            let sample = template.sample(1);
+            let sample = template.payload(1);
             assert_eq!(sample.len() % 4, 0);
             assert_eq!(Topic::KeyedSeq.read(&sample).unwrap().size, size);
         }
@@ -234,9 +239,9 @@ mod tests {
     fn the_instance_is_found_in_samples_and_keys_of_either_byte_order() {
         let instance_of = Topic::KeyedSeq.instance_of().unwrap();
         let template = Template::new(Topic::KeyedSeq, 40, 0x0102_0304).unwrap();
-        let expected = Some(template.instance());
+        let expected = Some(template.instance);
         assert_eq!(
-            instance_of(PayloadKind::Data, &template.sample(5)),
+            instance_of(PayloadKind::Data, &template.payload(5)),
             expected
         );
         let key = [0, 0, 0, 0, 1, 2, 3, 4];
@@ -247,7 +252,7 @@ mod tests {
 
     #[test]
     fn what_is_too_short_or_lies_about_its_length_is_no_sample() {
-        let sample = Template::new(Topic::KeyedSeq, 20, 0).unwrap().sample(1);
+        let sample = Template::new(Topic::KeyedSeq, 20, 0).unwrap().payload(1);
         assert_eq!(Topic::KeyedSeq.read(&sample[..sample.len() - 1]), None);
         assert_eq!(Topic::KeyedSeq.read(&sample[..10]), None);
         let mut lies = sample.to_vec();
