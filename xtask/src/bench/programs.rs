@@ -4,7 +4,7 @@ use std::net::{Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use clap::ValueEnum;
 use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
 use nix::unistd::Pid;
@@ -14,6 +14,7 @@ use rtps_tests::link::Host;
 use rtps_tests::netns::Identity;
 use rtps_tests::peers::{self, Peer};
 use rtps_tests::process::Process;
+use rtps_tests::rustdds;
 
 use super::program::{Dialect, Program, Role, WARM_UP};
 use super::row::{Case, Stack};
@@ -31,6 +32,7 @@ pub(super) struct Programs {
     /// This program, which is also the raw UDP ends.
     this: PathBuf,
     fast_dds: Option<Peer>,
+    rust_dds: Option<PathBuf>,
 }
 
 /// What one program has to do.
@@ -52,6 +54,7 @@ impl Programs {
             binaries: binaries::build()?,
             this: std::env::current_exe()?,
             fast_dds: None,
+            rust_dds: None,
         };
         for stack in Stack::value_variants() {
             let is_wanted = cases.iter().any(|case| case.stack == *stack);
@@ -84,7 +87,10 @@ impl Programs {
                 self.fast_dds = Some(peers::fast_dds_perf()?);
                 Ok(())
             }
-            Stack::Rustdds => bail!("there is no program for it"),
+            Stack::Rustdds => {
+                self.rust_dds = Some(rustdds::build()?);
+                Ok(())
+            }
         }
     }
 
@@ -97,7 +103,7 @@ impl Programs {
             Stack::Udp | Stack::UdpSpin => (self.udp(part), Dialect::Json),
             Stack::Cyclone => (cyclone(part), Dialect::Ddsperf),
             Stack::Fastdds => (self.fast_dds(part)?, Dialect::Json),
-            Stack::Rustdds => bail!("there is no program for it"),
+            Stack::Rustdds => (self.rust_dds(part)?, Dialect::Json),
         };
         let label = format!("{} {}", part.case.stack.name(), part.role.name());
         let process = pinned(part.cpu(), || Process::spawn(&label, &mut command))??;
@@ -127,6 +133,16 @@ impl Programs {
         if !part.is_active() {
             command.args(part.size());
         }
+        Ok(command)
+    }
+
+    fn rust_dds(&self, part: &Part<'_>) -> Result<Command> {
+        let program = self.rust_dds.as_ref().context("RustDDS is missing")?;
+        let mut command = part.host.netns.command(program);
+        command
+            .arg(part.role.name())
+            .args(part.common_arguments())
+            .args(part.peers());
         Ok(command)
     }
 
