@@ -124,14 +124,11 @@ fn ready() {
     print(r#"{"event":"ready"}"#);
 }
 
-/// Calls `taken` with each sample that comes, on this thread, until the program is stopped.
+/// Calls `taken` with each sample that comes, on this thread.
 fn for_each(reader: Reader, mut taken: impl FnMut(Octets)) {
     block_on(async {
         let mut samples = reader.async_bare_sample_stream();
         while let Some(sample) = samples.next().await {
-            if !is_wanted() {
-                return;
-            }
             if let Ok(sample) = sample {
                 taken(sample);
             }
@@ -139,7 +136,7 @@ fn for_each(reader: Reader, mut taken: impl FnMut(Octets)) {
     });
 }
 
-/// Prints what `summary` says once the program is stopped, and ends it: nothing comes any more that would wake `for_each`.
+/// Prints what `summary` says once the program is stopped, and ends it: nothing may come any more that would wake [`for_each`].
 fn at_the_end(summary: impl FnOnce() -> String + Send + 'static) {
     thread::spawn(move || {
         while is_wanted() {
