@@ -265,7 +265,8 @@ impl Core {
                 tracing::error!("the layer refuses: {reason}");
                 self.report_all(&StatusEvent::Refused { reason });
             }
-            FromLayer::Welcome(_) => {}
+            // These are for the link.
+            FromLayer::Welcome(_) | FromLayer::FanOut { .. } => {}
         }
     }
 

@@ -18,6 +18,8 @@ use crate::sys;
 
 /// The index of the loopback interface in every network namespace.
 pub(crate) const LOOPBACK_INDEX: u32 = 1;
+/// Its name.
+pub(crate) const LOOPBACK: &str = "lo";
 
 /// The kernel's table of IPv6 addresses of the calling thread's network namespace; there is none without IPv6.
 const IPV6_ADDRESSES: &str = "/proc/thread-self/net/if_inet6";
@@ -79,7 +81,7 @@ pub(crate) fn addresses_towards(interfaces: &[Interface], to: SocketAddr) -> Opt
 }
 
 /// The address that the kernel would send from.
-fn source_towards(to: SocketAddr) -> Option<IpAddr> {
+pub(crate) fn source_towards(to: SocketAddr) -> Option<IpAddr> {
     let any: IpAddr = match to {
         SocketAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
         SocketAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),

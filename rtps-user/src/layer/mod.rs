@@ -17,6 +17,7 @@ mod apps;
 mod config;
 mod declare;
 mod events;
+mod fan_out;
 mod outputs;
 mod peers;
 pub mod protocol;
@@ -147,6 +148,7 @@ impl Layer {
             }
             // On the wire all apps of the host are one participant, so that this asserts for the others as well.
             ToLayer::AssertLiveliness => self.discovery.assert_liveliness(now, true),
+            ToLayer::FanOut(fan_out) => self.fan_out(slot, fan_out),
         }
         self.settle();
     }

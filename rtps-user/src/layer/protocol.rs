@@ -4,6 +4,8 @@
 //! value a packet, the ring's and bell's descriptors beside [`FromLayer::Welcome`]) or a function call to the
 //! in-process layer. Samples never take this way.
 
+use std::net::SocketAddrV4;
+
 use serde::{Deserialize, Serialize};
 
 use crate::RemoteEndpoint;
@@ -11,7 +13,7 @@ use crate::qos::{PolicyId, Qos};
 use crate::wire::{EntityId, Guid, GuidPrefix};
 
 /// Changes with every incompatible change of this file.
-pub const LAYER_PROTOCOL_VERSION: u32 = 2;
+pub const LAYER_PROTOCOL_VERSION: u32 = 3;
 
 /// The longest encoded value, in bytes; longer ones are refused before they are read.
 pub const MAX_PROTOCOL_MESSAGE: usize = 128 * 1024;
@@ -27,6 +29,8 @@ pub enum ToLayer {
     Withdraw(EntityId),
     /// The app asserts the liveliness of its MANUAL_BY_PARTICIPANT writers.
     AssertLiveliness,
+    /// The app often sends the same to these destinations, and asks for help.
+    FanOut(FanOut),
 }
 
 /// What the layer says.
@@ -76,6 +80,13 @@ pub enum FromLayer {
         /// Whether it was for MANUAL_BY_PARTICIPANT writers; else for AUTOMATIC ones.
         manual: bool,
     },
+    /// The answer to [`ToLayer::FanOut`], and told again when it changes.
+    FanOut {
+        /// The list's number.
+        number: u8,
+        /// Those of its destinations that get what the app sends to the list; the rest, or all, are left to the app.
+        destinations: Vec<SocketAddrV4>,
+    },
 }
 
 /// Who wants to use the layer.
@@ -115,6 +126,17 @@ pub struct Welcome {
     pub prefix: GuidPrefix,
     /// The most bytes of UDP payload that the app should send in one datagram, so that none is fragmented.
     pub datagram_size: u16,
+}
+
+/// A list of destinations.
+#[derive(Clone, Debug, Deserialize, Eq, PartialEq, Serialize)]
+pub struct FanOut {
+    /// The cookie (SO_COOKIE) of the socket that the app will send to the list from, the same for all of its lists.
+    pub cookie: u64,
+    /// From 1; what was the list of this number is forgotten.
+    pub number: u8,
+    /// Where what is sent to the list is to go.
+    pub destinations: Vec<SocketAddrV4>,
 }
 
 /// An endpoint of an app.

@@ -130,7 +130,7 @@ impl Control {
             ToLayer::Withdraw(entity) => {
                 self.declared.remove(entity);
             }
-            ToLayer::Hello(_) | ToLayer::AssertLiveliness => {}
+            ToLayer::Hello(_) | ToLayer::AssertLiveliness | ToLayer::FanOut(_) => {}
         }
         // Without a connection there is nothing to queue: coming back declares everything anew.
         if let State::Attached(_) = self.state {
