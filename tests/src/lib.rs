@@ -29,3 +29,5 @@ pub mod require;
 pub mod stage;
 pub mod stream;
 mod sys;
+
+pub use sys::socket_cookie;
