@@ -3,14 +3,15 @@
 use std::marker::PhantomData;
 use std::net::SocketAddr;
 use std::sync::Arc;
+use std::time::Duration;
 
 use super::RtpsSocket;
 use crate::driver::Driver;
 use crate::error::OpenError;
 use crate::link::{LayerChoice, Settings};
 
-/// The ring that an app asks the kernel layer for, in bytes: some 15,000 small messages.
-const RING_BYTES: u32 = 4 << 20;
+/// The ring that an app asks the kernel layer for, in bytes: some 4,000 small messages, or 700 of the size of an Ethernet frame.
+const RING_BYTES: u32 = 1 << 20;
 
 /// Opens an [`RtpsSocket`] or a [`DomainParticipant`](crate::DomainParticipant).
 #[derive(Clone, Debug)]
@@ -30,6 +31,7 @@ impl<P: From<RtpsSocket>> Builder<P> {
                 name: name.map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
                 layer: LayerChoice::Automatic,
                 ring_bytes: RING_BYTES,
+                busy_poll: busy_poll_from_environment(),
                 peers: Vec::new(),
             },
             opened: PhantomData,
@@ -54,9 +56,17 @@ impl<P: From<RtpsSocket>> Builder<P> {
         self
     }
 
-    /// How many bytes of messages may wait for the app in the kernel layer; 4 MiB unless set.
+    /// How many bytes of messages may wait for the app in the kernel layer; 1 MiB unless set.
     pub fn ring_bytes(mut self, bytes: u32) -> Self {
         self.settings.ring_bytes = bytes;
+        self
+    }
+
+    /// For how long a thread that waits for samples looks for them again and again before it sleeps: a look takes
+    /// nanoseconds, to be woken takes microseconds, and on many machines tens of them, but nobody else has the CPU in the
+    /// meantime. Unless set, what the environment variable `RTPS_BUSY_POLL_US` says in microseconds, else zero.
+    pub fn busy_poll(mut self, duration: Duration) -> Self {
+        self.settings.busy_poll = duration;
         self
     }
 
@@ -74,4 +84,17 @@ impl<P: From<RtpsSocket>> Builder<P> {
         let driver = Arc::new(Driver::open(&self.settings)?);
         Ok(RtpsSocket { driver }.into())
     }
+}
+
+/// The default of [`Builder::busy_poll`].
+fn busy_poll_from_environment() -> Duration {
+    const VARIABLE: &str = "RTPS_BUSY_POLL_US";
+    let Ok(text) = std::env::var(VARIABLE) else {
+        return Duration::ZERO;
+    };
+    let micros = text.parse().unwrap_or_else(|_| {
+        tracing::warn!("{VARIABLE} is {text:?}, which is no number of microseconds: it is ignored");
+        0
+    });
+    Duration::from_micros(micros)
 }

@@ -16,7 +16,7 @@ pub(crate) mod udp;
 pub(crate) use bell::Bell;
 pub(crate) use epoll::{Epoll, Interest, Wakeups, wait_readable};
 pub(crate) use random::random_bytes;
-pub(crate) use ring::RingConsumer;
+pub(crate) use ring::{Ring, RingConsumer};
 
 /// The result of a C function that returns -1 and sets `errno` on failure.
 fn check(result: libc::c_int) -> std::io::Result<libc::c_int> {

@@ -5,4 +5,5 @@ mod dcps;
 mod driving;
 mod event_loop;
 mod processes;
+mod streaming;
 mod support;

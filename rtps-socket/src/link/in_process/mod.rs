@@ -26,7 +26,7 @@ use thiserror::Error;
 use self::address_watch::AddressWatch;
 use self::interfaces::Interface;
 use self::sockets::{Kind, Sockets};
-use super::{Burst, FIRST, Identity, LayerKind, Link, Settings, Sink, log_send_error};
+use super::{Arrivals, Burst, FIRST, Identity, LayerKind, Link, Settings, Sink, log_send_error};
 use crate::link::sender::Sender;
 use crate::sys::{Epoll, Interest, Wakeups, random_bytes, udp};
 
@@ -260,6 +260,10 @@ impl Link for InProcessLink {
         if wakeups.contains(ADDRESSES) {
             self.refresh_interfaces(now);
         }
+    }
+
+    fn arrivals(&self) -> Option<Arc<dyn Arrivals>> {
+        None
     }
 
     fn prepare_sleep(&mut self) -> bool {

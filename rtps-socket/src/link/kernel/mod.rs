@@ -23,9 +23,9 @@ use self::control::{Control, ControlEvent};
 use self::doorbell::Doorbell;
 use self::fan_out::FanOut;
 use self::outlet::Outlet;
-use super::{Burst, FIRST, Identity, LayerKind, Link, Settings, Sink, log_send_error};
+use super::{Arrivals, Burst, FIRST, Identity, LayerKind, Link, Settings, Sink, log_send_error};
 use crate::link::sender::Sender;
-use crate::sys::{Bell, Epoll, Interest, RingConsumer, Wakeups};
+use crate::sys::{Bell, Epoll, Interest, Ring, RingConsumer, Wakeups};
 
 const CONTROL: u8 = FIRST;
 const DOORBELL: u8 = FIRST + 1;
@@ -212,9 +212,13 @@ impl Link for KernelLink {
         }
     }
 
+    fn arrivals(&self) -> Option<Arc<dyn Arrivals>> {
+        Some(Arc::clone(self.ring.ring()) as Arc<dyn Arrivals>)
+    }
+
     fn prepare_sleep(&mut self) -> bool {
         self.bell.arm();
-        let quiet = !self.ring.has_record();
+        let quiet = !self.ring.ring().has_record();
         if !quiet {
             self.bell.disarm();
         }
@@ -239,6 +243,12 @@ impl Link for KernelLink {
 
     /// Closing the socket says it all: rtpsd withdraws the endpoints of whoever is gone.
     fn shutdown(&mut self, _now: Instant) {}
+}
+
+impl Arrivals for Ring {
+    fn has_arrived(&self) -> bool {
+        self.has_record()
+    }
 }
 
 /// Whether the layer knows the app by the name that its endpoints have.
