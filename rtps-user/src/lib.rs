@@ -14,6 +14,8 @@ pub mod layer;
 pub mod qos;
 pub mod reader;
 mod remote;
+mod slab;
+mod table;
 mod transmit;
 pub mod wire;
 pub mod writer;

@@ -28,7 +28,6 @@ pub(crate) struct Core {
     identity: Identity,
     next_serial: u16,
     outgoing: Outgoing,
-    datagram: Vec<u8>,
     notices: Vec<Notice>,
     pub(super) batching: Batching,
     last_write: Option<Instant>,
@@ -46,7 +45,6 @@ impl Core {
             identity,
             next_serial: 1,
             outgoing: Outgoing::new(),
-            datagram: Vec::new(),
             notices: Vec::new(),
             batching: Batching::default(),
             last_write: None,
@@ -117,6 +115,11 @@ impl Core {
         entity.map_or_else(Vec::new, |entity| {
             entity.set_listener(listener, &mut self.notices)
         })
+    }
+
+    /// Has others see USER_DATA of the participant.
+    pub(crate) fn describe(&mut self, now: Instant, user_data: Vec<u8>) {
+        self.link.request(now, ToLayer::Describe(user_data));
     }
 
     /// Asserts the liveliness of all writers that want the app to do so.
@@ -198,9 +201,12 @@ impl Core {
 
     /// Sends what there is to send.
     fn transmit(&mut self, now: Instant) {
-        while let Some(transmit) = self.endpoints.poll_transmit(now, &mut self.datagram) {
-            let start = self.outgoing.buffer().len();
-            self.outgoing.buffer().extend_from_slice(&self.datagram);
+        loop {
+            let buffer = self.outgoing.buffer();
+            let start = buffer.len();
+            let Some(transmit) = self.endpoints.poll_transmit(now, buffer) else {
+                break;
+            };
             let send = |burst: &Burst<'_>| self.link.send(burst);
             self.outgoing.appended(start, transmit, send);
         }

@@ -18,6 +18,7 @@ const RING_BYTES: u32 = 1 << 20;
 #[must_use = "nothing is opened before `open`"]
 pub struct Builder<P> {
     settings: Settings,
+    user_data: Vec<u8>,
     opened: PhantomData<P>,
 }
 
@@ -34,6 +35,7 @@ impl<P: From<RtpsSocket>> Builder<P> {
                 busy_poll: busy_poll_from_environment(),
                 peers: Vec::new(),
             },
+            user_data: Vec::new(),
             opened: PhantomData,
         }
     }
@@ -76,12 +78,25 @@ impl<P: From<RtpsSocket>> Builder<P> {
         self
     }
 
+    /// USER_DATA: up to 256 bytes that others see in the participant's announcement. On the kernel layer all apps of
+    /// the host are one participant, and of those that have user data the last one to be opened is seen.
+    pub fn user_data(mut self, data: impl Into<Vec<u8>>) -> Self {
+        self.user_data = data.into();
+        self
+    }
+
     /// Joins the domain.
     ///
     /// # Errors
     /// When the chosen layer cannot be used; the error says what to do.
     pub fn open(self) -> Result<P, OpenError> {
         let driver = Arc::new(Driver::open(&self.settings)?);
+        if !self.user_data.is_empty() {
+            let user_data = self.user_data;
+            driver
+                .shared()
+                .with(|core, now| core.describe(now, user_data));
+        }
         Ok(RtpsSocket { driver }.into())
     }
 }

@@ -7,3 +7,4 @@ mod event_loop;
 mod processes;
 mod streaming;
 mod support;
+mod traffic;

@@ -16,6 +16,7 @@
 mod apps;
 mod config;
 mod declare;
+mod describe;
 mod events;
 mod fan_out;
 mod outputs;
@@ -33,6 +34,7 @@ use std::time::Instant;
 
 use apps::{App, Apps};
 pub use config::{LayerConfig, Limits};
+use describe::Descriptions;
 pub use outputs::{KernelChange, LayerOutput};
 use peers::Peers;
 use protocol::{FromLayer, Hello, LAYER_PROTOCOL_VERSION, ToLayer, Welcome};
@@ -51,6 +53,7 @@ pub struct Layer {
     discovery: Discovery,
     matchmaker: Matchmaker,
     apps: Apps,
+    descriptions: Descriptions,
     /// What the low-level layer has been told.
     routes: BTreeMap<Guid, SlotSet>,
     peers: Peers,
@@ -66,6 +69,7 @@ impl Layer {
             discovery: Discovery::new(config.discovery(), now),
             matchmaker: Matchmaker::new(config.prefix),
             apps: Apps::default(),
+            descriptions: Descriptions::default(),
             routes: BTreeMap::new(),
             peers: Peers::default(),
             unstorable: BTreeSet::new(),
@@ -149,6 +153,7 @@ impl Layer {
             // On the wire all apps of the host are one participant, so that this asserts for the others as well.
             ToLayer::AssertLiveliness => self.discovery.assert_liveliness(now, true),
             ToLayer::FanOut(fan_out) => self.fan_out(slot, fan_out),
+            ToLayer::Describe(user_data) => self.describe(now, slot, user_data),
         }
         self.settle();
     }
@@ -162,6 +167,7 @@ impl Layer {
             self.withdraw_declared(now, &declared);
         }
         self.forget(StoreKey::app(slot));
+        self.describe(now, slot, Vec::new());
         self.refresh_automatic_lease(now);
         self.settle();
     }
@@ -236,10 +242,15 @@ impl Layer {
         }
         self.config.metatraffic = metatraffic;
         self.config.user = user;
+        self.announce_participant(now);
+        self.settle();
+    }
+
+    /// Tells what has changed in the configuration.
+    fn announce_participant(&mut self, now: Instant) {
         let participant = self.config.discovery().participant;
         self.discovery.set_participant(now, participant);
         self.store_announcement();
-        self.settle();
     }
 
     /// When [`handle_timeout`](Self::handle_timeout) is to be called at the latest.
@@ -266,6 +277,7 @@ impl Layer {
         if let Some(change) = self.poll_publication() {
             return Some(LayerOutput::Kernel(change));
         }
+        out.clear();
         self.discovery
             .poll_transmit(now, out)
             .map(LayerOutput::Transmit)

@@ -7,11 +7,11 @@ use anyhow::{Context, Result, bail};
 use aya::maps::{HashMap, MapData};
 use rtps_ebpf::SlotSet;
 use rtps_ebpf::abi::{Destination, FAN_OUT_DESTINATIONS, FanOut, FanOutKey, Sender, name};
+use rtps_net::{Interface, source_towards};
 use rtps_user::layer::protocol;
 use tracing::warn;
 
 use super::{ignore_missing, open};
-use crate::interfaces::{Interface, source_towards};
 use crate::pins::PinFolder;
 
 /// A list of an app that the kernel serves in another way than before.
@@ -220,6 +220,7 @@ mod tests {
             index: 1,
             mtu: 65_536,
             addresses: vec![Ipv4Addr::LOCALHOST.into()],
+            is_loopback: true,
         };
         for own in ["127.0.0.1:7411", "127.0.0.2:7411"] {
             assert_eq!(

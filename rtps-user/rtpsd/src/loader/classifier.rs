@@ -9,12 +9,15 @@ use aya::programs::links::{FdLink, LinkOrder, PinnedLink};
 use aya::programs::tc::{SchedClassifierLink, TcAttachOptions};
 use aya::programs::{SchedClassifier, TcAttachType};
 use rtps_ebpf::abi::name;
+use rtps_net::{Interface, LOOPBACK_INDEX};
 use tracing::{info, warn};
 
 use super::{Loader, innermost, program};
-use crate::interfaces::{Interface, LOOPBACK, LOOPBACK_INDEX};
 use crate::pins::Hook;
 use crate::run_folder::remove_if_there;
+
+/// The name of the loopback interface.
+const LOOPBACK: &str = "lo";
 
 /// Which of the kernel's refusals leave something to others.
 pub(super) struct Classifiers {
