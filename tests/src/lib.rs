@@ -32,3 +32,5 @@ pub mod rustdds;
 pub mod stage;
 pub mod stream;
 mod sys;
+
+pub use sys::socket_cookie;

@@ -304,7 +304,8 @@ impl Core {
                 tracing::error!("the layer refuses: {reason}");
                 self.report_all(&StatusEvent::Refused { reason });
             }
-            FromLayer::Welcome(_) => {}
+            // These are for the link.
+            FromLayer::Welcome(_) | FromLayer::FanOut { .. } => {}
         }
     }
 

@@ -1,11 +1,12 @@
 //! Everything that needs `unsafe`: memory shared with the kernel, and system calls that have no safe wrapper.
 //!
 //! [`RingConsumer`] and [`Bell`] map what the kernel layer hands to an app, [`Epoll`] waits with nanosecond
-//! timeouts, and [`seqpacket`], [`udp`] and [`receive`] are the sockets of the two links. What leaves this room is safe to
-//! call in any order.
+//! timeouts, and [`seqpacket`], [`udp`], [`receive`] and [`fan_out`] are the sockets of the two links. What leaves this
+//! room is safe to call in any order.
 
 mod bell;
 mod epoll;
+pub(crate) mod fan_out;
 mod mapping;
 mod random;
 pub(crate) mod receive;

@@ -8,7 +8,7 @@ use anyhow::{Context, Result};
 use aya::programs::SocketFilter;
 use rtps_ebpf::abi::{Domain, PORT_METATRAFFIC, PORT_MULTICAST, PORT_UNICAST, PortConfig};
 use rtps_net::{Interface, locators};
-use rtps_user::layer::protocol::FromLayer;
+use rtps_user::layer::protocol::{FanOut, FromLayer};
 use rtps_user::layer::{KernelChange, Layer, LayerConfig, LayerOutput};
 use rtps_user::wire::{Guid, GuidPrefix, VendorId};
 use tracing::{debug, info, warn};
@@ -288,7 +288,25 @@ impl DomainHost {
                 next,
                 exact,
             } => kernel.peers.progress(writer, next, exact),
+            KernelChange::FanOut { slot, fan_out } => self.fan_out(slot, &fan_out, effects),
         }
+    }
+
+    /// Keeps an app's list of destinations; the app is told in any case.
+    fn fan_out(&self, slot: u8, fan_out: &FanOut, effects: &mut Effects<'_>) -> Result<()> {
+        let app = (slot, self.identity.domain_index);
+        let fan_outs = &mut effects.kernel.fan_outs;
+        let kept = fan_outs.keep(app, fan_out, effects.interfaces);
+        let (destinations, outcome) = match kept {
+            Ok(served) => (served, Ok(())),
+            Err(error) => (Vec::new(), Err(error)),
+        };
+        let message = FromLayer::FanOut {
+            number: fan_out.number,
+            destinations,
+        };
+        effects.replies.push((slot, message));
+        outcome
     }
 }
 

@@ -3,6 +3,7 @@
 
 mod control;
 mod doorbell;
+mod fan_out;
 mod outlet;
 mod record;
 
@@ -20,6 +21,7 @@ use thiserror::Error;
 
 use self::control::{Control, ControlEvent};
 use self::doorbell::Doorbell;
+use self::fan_out::FanOut;
 use self::outlet::Outlet;
 use super::{Arrivals, Burst, FIRST, Identity, LayerKind, Link, Settings, Sink, log_send_error};
 use crate::link::sender::Sender;
@@ -70,6 +72,8 @@ pub(crate) struct KernelLink {
     sender: Sender,
     /// To IPv6 destinations.
     outlet: Outlet,
+    /// To several IPv4 destinations at once.
+    fan_out: FanOut,
     control: Control,
     epoll: Arc<Epoll>,
     is_lost: bool,
@@ -102,6 +106,7 @@ impl KernelLink {
             doorbell: Doorbell::new(socket),
             sender: Sender::default(),
             outlet: Outlet::default(),
+            fan_out: FanOut::default(),
             control,
             epoll: Arc::clone(epoll),
             is_lost: false,
@@ -132,7 +137,10 @@ impl KernelLink {
                 self.control.close();
             }
             ControlEvent::Welcome(_, fds) => match self.resume(fds) {
-                Ok(()) => self.control.attached(now),
+                Ok(()) => {
+                    self.fan_out.reconnected();
+                    self.control.attached(now);
+                }
                 Err(error) => self.control.give_up(now, &error.to_string()),
             },
             ControlEvent::Lost(why) => {
@@ -158,14 +166,22 @@ impl Link for KernelLink {
     }
 
     fn poll_message(&mut self) -> Option<FromLayer> {
-        self.control.poll_message()
+        loop {
+            match self.control.poll_message()? {
+                FromLayer::FanOut {
+                    number,
+                    destinations,
+                } => self.fan_out.answered(number, &destinations),
+                message => return Some(message),
+            }
+        }
     }
 
     fn send(&mut self, burst: &Burst<'_>) {
         if self.is_lost {
             return;
         }
-        for destination in burst.destinations {
+        for destination in self.fan_out.send(burst) {
             let sent = match destination {
                 SocketAddr::V4(_) => self
                     .sender
@@ -186,6 +202,9 @@ impl Link for KernelLink {
                 None => tracing::warn!(len = record.len(), "a record of the ring is malformed"),
             });
         self.doorbell.took(records, wakeups.contains(DOORBELL));
+        while let Some(request) = self.fan_out.poll_request() {
+            self.control.request(now, request);
+        }
         if wakeups.contains(CONTROL)
             && let Some(event) = self.control.receive(now)
         {

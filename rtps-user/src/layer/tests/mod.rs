@@ -1,6 +1,7 @@
 //! Layers that discover each other in virtual time.
 
 mod equality;
+mod fan_out;
 mod hostile;
 mod kernel;
 mod low_level;
