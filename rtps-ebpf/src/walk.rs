@@ -58,6 +58,8 @@ pub struct Walk {
     /// The participant that sent the message, whatever INFO_SRC says.
     sender: GuidPrefix,
     targets: SlotSet,
+    /// The writer of the source whose readers are among the targets: a datagram mostly has samples of one writer.
+    published: EntityId,
     offset: u32,
     /// INFO_DST named another participant.
     foreign: bool,
@@ -123,6 +125,7 @@ impl Walk {
             source: PREFIX_UNKNOWN,
             sender: PREFIX_UNKNOWN,
             targets: SlotSet::EMPTY,
+            published: ENTITY_ID_UNKNOWN,
             offset: 0,
             foreign: false,
             skipped_foreign: false,
@@ -230,6 +233,7 @@ impl Walk {
     #[inline(always)]
     fn comes_from(&mut self, participant: GuidPrefix, routes: &impl Routes) {
         self.source = participant;
+        self.published = ENTITY_ID_UNKNOWN;
         self.foreign_source |= !routes.may_send(&participant);
     }
 
@@ -238,8 +242,9 @@ impl Walk {
     fn publish(&mut self, writer: EntityId, routes: &impl Routes) {
         if is_built_in(writer) {
             self.built_in = true;
-        } else {
+        } else if writer != self.published {
             routes.add_readers(&guid(&self.source, writer), &mut self.targets);
+            self.published = writer;
         }
     }
 

@@ -40,6 +40,17 @@ impl Routes for Matched {
     }
 }
 
+/// Remembers which writers' readers were asked for.
+#[derive(Default)]
+struct Asked(core::cell::RefCell<Vec<Guid>>);
+
+impl Routes for Asked {
+    fn add_readers(&self, writer: &Guid, slots: &mut SlotSet) {
+        self.0.borrow_mut().push(*writer);
+        Matched.add_readers(writer, slots);
+    }
+}
+
 /// Puts a body together in the byte order of the test.
 struct Body {
     little: bool,
@@ -311,6 +322,23 @@ fn info_dst_and_info_src_hold_until_the_next_one() {
     assert_found(
         |m| m.source(RELAYED).data(ENTITY_ID_UNKNOWN, WRITER),
         found(&[5]),
+    );
+}
+
+#[test]
+fn a_writers_readers_are_looked_up_once() {
+    let to_all = |m: Message| m.data(ENTITY_ID_UNKNOWN, WRITER);
+    let twice = |m: Message| to_all(to_all(m));
+    let message = twice(twice(Message::new(true)).source(RELAYED)).source(REMOTE);
+    let asked = Asked::default();
+    let findings = examine(&to_all(message).bytes[..], OWN, &asked);
+    let relayed = guid(&RELAYED, WRITER);
+    let remote = guid(&REMOTE, WRITER);
+    assert_eq!(*asked.0.borrow(), [remote, relayed, remote]);
+    assert!(
+        [2, 5, 9]
+            .iter()
+            .all(|&slot| findings.targets.contains(slot))
     );
 }
 

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 use std::task::Waker;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use rtps_user::endpoints::{EndpointEvent, Endpoints};
 use rtps_user::layer::protocol::{Endpoint, FromLayer, ToLayer};
@@ -14,6 +14,7 @@ use super::batching::{Batching, Patience};
 use super::entity::{Entity, Listener, Notice};
 use super::outgoing::Outgoing;
 use super::seat::{Holder, SLACK, Seat, Sleep, WRITING};
+use super::wall_clock::WallClock;
 use crate::link::{Arrivals, Burst, Identity, LayerKind, Link};
 use crate::status::StatusEvent;
 use crate::sys::Wakeups;
@@ -30,6 +31,7 @@ pub(crate) struct Core {
     outgoing: Outgoing,
     notices: Vec<Notice>,
     pub(super) batching: Batching,
+    wall_clock: WallClock,
     last_write: Option<Instant>,
     is_lost: bool,
 }
@@ -47,6 +49,7 @@ impl Core {
             outgoing: Outgoing::new(),
             notices: Vec::new(),
             batching: Batching::default(),
+            wall_clock: WallClock::default(),
             last_write: None,
             is_lost: false,
         }
@@ -150,6 +153,11 @@ impl Core {
         if let Some(entity) = self.entities.get_mut(&id) {
             entity.report(event, &mut self.notices);
         }
+    }
+
+    /// The time of day.
+    pub(crate) fn wall_time(&mut self, now: Instant) -> SystemTime {
+        self.wall_clock.at(now)
     }
 
     /// The app has written `len` bytes: timers will be short for a while. Whether they wait for more.

@@ -20,6 +20,7 @@ mod outgoing;
 mod seat;
 mod spin;
 mod wait;
+mod wall_clock;
 
 use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};

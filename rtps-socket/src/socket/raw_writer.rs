@@ -72,23 +72,18 @@ impl RawWriter {
         if change.kind == ChangeKind::Alive && change.payload.len() < HEADER_LEN {
             return Err(WriteError::NoEncapsulation(change.payload.len()));
         }
-        let change = NewChange {
-            kind: change.kind,
-            instance: change.instance,
-            payload: change.payload,
-            timestamp: to_timestamp(change.timestamp.unwrap_or_else(SystemTime::now)),
-        };
         let (len, shared) = (change.payload.len(), self.endpoint.shared());
-        let mut change = Some(change);
+        let mut unsent = None;
         let written = shared.write(len, self.patience, |core, now| {
             if core.is_lost() {
                 return Err(WriteError::LayerLost);
             }
-            let written = self.write_if_there_is_room(core, now, &mut change);
+            unsent = Some(stamped(change, || core.wall_time(now)));
+            let written = self.write_if_there_is_room(core, now, &mut unsent);
             written.ok_or(WriteError::Closed)
         });
         match written? {
-            Err(writer::WriteError::HistoryFull) => self.send_when_there_is_room(change),
+            Err(writer::WriteError::HistoryFull) => self.send_when_there_is_room(unsent),
             written => written.map_err(WriteError::Refused),
         }
     }
@@ -178,6 +173,15 @@ impl RawWriter {
     /// Has `listener` called with every event, by whatever thread drives.
     pub fn set_listener(&self, listener: impl Fn(StatusEvent) + Send + Sync + 'static) {
         self.endpoint.set_listener(Arc::new(listener));
+    }
+}
+
+fn stamped(change: RawChange, now: impl FnOnce() -> SystemTime) -> NewChange {
+    NewChange {
+        kind: change.kind,
+        instance: change.instance,
+        payload: change.payload,
+        timestamp: to_timestamp(change.timestamp.unwrap_or_else(now)),
     }
 }
 
