@@ -253,7 +253,9 @@ impl Core {
                 tracing::error!("the layer refuses: {reason}");
                 self.report_all(&StatusEvent::Refused { reason });
             }
-            FromLayer::Welcome(_) => {}
+            // What concerns the link alone.
+            FromLayer::Welcome(_) | FromLayer::Channel { .. } | FromLayer::ChannelClosed { .. } => {
+            }
         }
     }
 

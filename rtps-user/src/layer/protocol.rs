@@ -1,7 +1,7 @@
 //! The layer protocol: what an app and the layer that it uses say to each other.
 //!
 //! The same values travel whatever carries them: a Unix `SOCK_SEQPACKET` socket to rtpsd (one postcard-encoded
-//! value a packet, the ring's and bell's descriptors beside [`FromLayer::Welcome`]) or a function call to the
+//! value a packet, descriptors beside [`FromLayer::Welcome`] and [`FromLayer::Channel`]) or a function call to the
 //! in-process layer. Samples never take this way.
 
 use serde::{Deserialize, Serialize};
@@ -11,7 +11,7 @@ use crate::qos::{PolicyId, Qos};
 use crate::wire::{EntityId, Guid, GuidPrefix};
 
 /// Changes with every incompatible change of this file.
-pub const LAYER_PROTOCOL_VERSION: u32 = 2;
+pub const LAYER_PROTOCOL_VERSION: u32 = 3;
 
 /// The longest encoded value, in bytes; longer ones are refused before they are read.
 pub const MAX_PROTOCOL_MESSAGE: usize = 128 * 1024;
@@ -76,7 +76,23 @@ pub enum FromLayer {
         /// Whether it was for MANUAL_BY_PARTICIPANT writers; else for AUTOMATIC ones.
         manual: bool,
     },
+    /// The app is connected by shared memory with another one of this host, which is at the slot's
+    /// [`local::address`](crate::local::address) from now on. Takes the place of an earlier channel with the same app.
+    /// Comes before the matches that need it.
+    Channel {
+        /// The other app.
+        slot: u8,
+    },
+    /// The other app of a channel is gone.
+    ChannelClosed {
+        /// The other app.
+        slot: u8,
+    },
 }
+
+/// How many descriptors come beside a [`FromLayer::Channel`]: the ring that the app fills, what wakes the other app, the
+/// bell that says whether that sleeps (readable only), the ring that the other app fills, what wakes this one.
+pub const CHANNEL_DESCRIPTORS: usize = 5;
 
 /// Who wants to use the layer.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
