@@ -10,8 +10,9 @@ use rtps_user::qos::{PolicyId, Qos};
 use rtps_user::wire::{EntityId, EntityKind, Guid};
 
 use super::entity::{Entity, Listener, Notice};
+use super::outgoing::Outgoing;
 use super::seat::{Holder, SLACK, Seat, Sleep, WRITING};
-use crate::link::{Identity, LayerKind, Link};
+use crate::link::{Burst, Identity, LayerKind, Link};
 use crate::status::StatusEvent;
 use crate::sys::Wakeups;
 
@@ -24,7 +25,8 @@ pub(crate) struct Core {
     pub(super) seat: Seat,
     identity: Identity,
     next_serial: u16,
-    outgoing: Vec<u8>,
+    outgoing: Outgoing,
+    datagram: Vec<u8>,
     notices: Vec<Notice>,
     last_write: Option<Instant>,
     is_lost: bool,
@@ -40,7 +42,8 @@ impl Core {
             seat: Seat::default(),
             identity,
             next_serial: 1,
-            outgoing: Vec::new(),
+            outgoing: Outgoing::new(),
+            datagram: Vec::new(),
             notices: Vec::new(),
             last_write: None,
             is_lost: false,
@@ -171,12 +174,21 @@ impl Core {
         if self.link.is_lost() && !self.is_lost {
             self.lose_layer(now);
         }
-        while let Some(transmit) = self.endpoints.poll_transmit(now, &mut self.outgoing) {
-            self.link.send(&transmit, &self.outgoing);
-        }
+        self.transmit(now);
         while let Some(event) = self.endpoints.poll_event() {
             self.handle_event(event);
         }
+    }
+
+    /// Sends what there is to send.
+    fn transmit(&mut self, now: Instant) {
+        while let Some(transmit) = self.endpoints.poll_transmit(now, &mut self.datagram) {
+            let start = self.outgoing.buffer().len();
+            self.outgoing.buffer().extend_from_slice(&self.datagram);
+            let send = |burst: &Burst<'_>| self.link.send(burst);
+            self.outgoing.appended(start, transmit, send);
+        }
+        self.outgoing.flush(|burst| self.link.send(burst));
     }
 
     /// When something is due.

@@ -15,6 +15,7 @@ mod background;
 mod core;
 mod entity;
 mod external;
+mod outgoing;
 mod seat;
 mod wait;
 

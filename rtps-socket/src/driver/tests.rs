@@ -5,13 +5,13 @@ use std::os::fd::AsFd;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
+use rtps_user::RemoteEndpoint;
 use rtps_user::layer::protocol::{FromLayer, ToLayer};
 use rtps_user::qos::Qos;
 use rtps_user::wire::{EntityId, EntityKind, Guid, GuidPrefix};
-use rtps_user::{RemoteEndpoint, Transmit};
 
 use super::*;
-use crate::link::{Identity, LayerKind, Sink};
+use crate::link::{Burst, Identity, LayerKind, Sink};
 use crate::status::StatusEvent;
 use crate::sys::Wakeups;
 
@@ -51,7 +51,7 @@ impl Link for OddLink {
         self.0.messages.lock().unwrap().pop()
     }
 
-    fn send(&mut self, _transmit: &Transmit, _datagram: &[u8]) {}
+    fn send(&mut self, _burst: &Burst<'_>) {}
 
     fn receive(&mut self, _now: Instant, wakeups: Wakeups, sink: &mut Sink<'_>) {
         if wakeups.contains(CONTROL) {

@@ -7,11 +7,11 @@
 pub(crate) mod in_process;
 pub(crate) mod kernel;
 mod open;
+pub(crate) mod sender;
 
 use std::net::SocketAddr;
 use std::time::Instant;
 
-use rtps_user::Transmit;
 use rtps_user::layer::protocol::{FromLayer, ToLayer};
 use rtps_user::wire::GuidPrefix;
 
@@ -53,6 +53,30 @@ pub(crate) struct Identity {
     pub(crate) datagram_size: u16,
 }
 
+/// Datagrams that leave together: for the same destinations, and all of `segment` bytes but the last, which may be
+/// shorter. The form that UDP segmentation offload takes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Burst<'a> {
+    /// Where they go, each once.
+    pub(crate) destinations: &'a [SocketAddr],
+    /// One after the other, up to [`MAX_DATAGRAMS`](Self::MAX_DATAGRAMS) of them.
+    pub(crate) bytes: &'a [u8],
+    /// Bytes of a datagram; not 0.
+    pub(crate) segment: usize,
+}
+
+impl<'a> Burst<'a> {
+    /// What every kernel with UDP segmentation offload takes (UDP_MAX_SEGMENTS).
+    pub(crate) const MAX_DATAGRAMS: usize = 64;
+    /// The bytes of one IPv4 packet without its headers.
+    pub(crate) const MAX_BYTES: usize = 65_507;
+
+    /// Each datagram.
+    pub(crate) fn datagrams(&self) -> impl Iterator<Item = &'a [u8]> {
+        self.bytes.chunks(self.segment)
+    }
+}
+
 /// Takes a datagram that came from an address.
 pub(crate) type Sink<'a> = dyn FnMut(SocketAddr, &[u8]) + 'a;
 
@@ -77,8 +101,8 @@ pub(crate) trait Link: Send {
     /// What the layer says next.
     fn poll_message(&mut self) -> Option<FromLayer>;
 
-    /// Sends a datagram from the app's own socket. What cannot be sent counts as lost on the way.
-    fn send(&mut self, transmit: &Transmit, datagram: &[u8]);
+    /// Sends datagrams from the app's own socket. What cannot be sent counts as lost on the way.
+    fn send(&mut self, burst: &Burst<'_>);
 
     /// Takes what has arrived, a bounded number of datagrams: all that costs no system call, and what `wakeups`
     /// names.

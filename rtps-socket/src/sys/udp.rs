@@ -5,7 +5,7 @@ use std::mem;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, SocketAddrV4, SocketAddrV6, UdpSocket};
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
 
-use nix::sys::socket::{ControlMessage, MsgFlags, SockaddrIn, SockaddrIn6, sendmsg};
+use nix::sys::socket::{ControlMessage, MsgFlags, SockaddrStorage, sendmsg};
 
 use super::{check, check_len};
 
@@ -48,7 +48,7 @@ fn open(address: SocketAddr) -> io::Result<UdpSocket> {
 }
 
 fn bind_to(socket: &UdpSocket, address: SocketAddr) -> io::Result<()> {
-    use nix::sys::socket::{SockaddrStorage, bind};
+    use nix::sys::socket::bind;
     Ok(bind(socket.as_raw_fd(), &SockaddrStorage::from(address))?)
 }
 
@@ -144,6 +144,25 @@ fn discard_some(socket: &UdpSocket) -> usize {
     usize::try_from(count).unwrap_or_default()
 }
 
+/// Sends `bytes` as datagrams of `segment` bytes each, the last may be shorter, in one system call (UDP_SEGMENT, udp(7)).
+/// An error says that none was sent.
+pub(crate) fn send_segmented(
+    socket: &UdpSocket,
+    destination: SocketAddr,
+    bytes: &[u8],
+    segment: usize,
+) -> io::Result<()> {
+    let segment = u16::try_from(segment).map_err(io::Error::other)?;
+    sendmsg(
+        socket.as_raw_fd(),
+        &[IoSlice::new(bytes)],
+        &[ControlMessage::UdpGsoSegments(&segment)],
+        MsgFlags::empty(),
+        Some(&SockaddrStorage::from(destination)),
+    )?;
+    Ok(())
+}
+
 /// Sends to a group out of one interface, from that interface's address `source`, which is of the group's family.
 pub(crate) fn send_multicast(
     socket: &UdpSocket,
@@ -151,44 +170,37 @@ pub(crate) fn send_multicast(
     group: SocketAddr,
     datagram: &[u8],
 ) -> io::Result<()> {
-    let (descriptor, parts) = (socket.as_raw_fd(), [IoSlice::new(datagram)]);
-    match (group, source) {
-        (SocketAddr::V4(group), IpAddr::V4(source)) => {
-            let out_of = libc::in_pktinfo {
+    let (to, v4, v6);
+    let control = match (group, source) {
+        (SocketAddr::V4(_), IpAddr::V4(source)) => {
+            to = group;
+            v4 = libc::in_pktinfo {
                 ipi_ifindex: interface.cast_signed(),
                 ipi_spec_dst: in_addr(source),
                 ipi_addr: in_addr(Ipv4Addr::UNSPECIFIED),
             };
-            let control = [ControlMessage::Ipv4PacketInfo(&out_of)];
-            let group = SockaddrIn::from(group);
-            sendmsg(
-                descriptor,
-                &parts,
-                &control,
-                MsgFlags::empty(),
-                Some(&group),
-            )?;
+            ControlMessage::Ipv4PacketInfo(&v4)
         }
         (SocketAddr::V6(mut group), IpAddr::V6(source)) => {
             group.set_scope_id(interface);
-            let out_of = libc::in6_pktinfo {
+            to = group.into();
+            v6 = libc::in6_pktinfo {
                 ipi6_addr: libc::in6_addr {
                     s6_addr: source.octets(),
                 },
                 ipi6_ifindex: interface,
             };
-            let control = [ControlMessage::Ipv6PacketInfo(&out_of)];
-            let group = SockaddrIn6::from(group);
-            sendmsg(
-                descriptor,
-                &parts,
-                &control,
-                MsgFlags::empty(),
-                Some(&group),
-            )?;
+            ControlMessage::Ipv6PacketInfo(&v6)
         }
         _ => return Err(io::ErrorKind::InvalidInput.into()),
-    }
+    };
+    sendmsg(
+        socket.as_raw_fd(),
+        &[IoSlice::new(datagram)],
+        &[control],
+        MsgFlags::empty(),
+        Some(&SockaddrStorage::from(to)),
+    )?;
     Ok(())
 }
 

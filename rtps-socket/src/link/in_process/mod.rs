@@ -26,7 +26,8 @@ use thiserror::Error;
 use self::address_watch::AddressWatch;
 use self::interfaces::Interface;
 use self::sockets::{Kind, Sockets};
-use super::{FIRST, Identity, LayerKind, Link, Settings, Sink, log_send_error};
+use super::{Burst, FIRST, Identity, LayerKind, Link, Settings, Sink, log_send_error};
+use crate::link::sender::Sender;
 use crate::sys::{Epoll, Interest, Wakeups, random_bytes, udp};
 
 /// Three sockets for each family.
@@ -60,6 +61,7 @@ pub(crate) struct InProcessLink {
     identity: Identity,
     layer: Layer,
     sockets: Sockets,
+    sender: Sender,
     interfaces: Vec<Interface>,
     /// `None` where the system does not allow to watch.
     watch: Option<AddressWatch>,
@@ -99,6 +101,7 @@ impl InProcessLink {
             },
             layer,
             sockets,
+            sender: Sender::default(),
             interfaces,
             watch,
             inbox: VecDeque::new(),
@@ -237,14 +240,12 @@ impl Link for InProcessLink {
         self.inbox.pop_front()
     }
 
-    fn send(&mut self, transmit: &Transmit, datagram: &[u8]) {
-        for destination in transmit.destinations.iter() {
+    fn send(&mut self, burst: &Burst<'_>) {
+        for destination in burst.destinations {
             if let Some(sockets) = self.sockets.of(*destination)
-                && let Err(error) = sockets
-                    .user
-                    .send_to(datagram, ipv6::to_socket(*destination))
+                && let Err(error) = self.sender.send(&sockets.user, *destination, burst)
             {
-                log_send_error(*destination, datagram.len(), &error);
+                log_send_error(*destination, burst.bytes.len(), &error);
             }
         }
     }

@@ -13,7 +13,6 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
 
-use rtps_user::Transmit;
 use rtps_user::layer::protocol::{
     FromLayer, Hello, LAYER_PROTOCOL_VERSION, Resume, ToLayer, Welcome,
 };
@@ -22,7 +21,8 @@ use thiserror::Error;
 use self::control::{Control, ControlEvent};
 use self::doorbell::Doorbell;
 use self::outlet::Outlet;
-use super::{FIRST, Identity, LayerKind, Link, Settings, Sink, log_send_error};
+use super::{Burst, FIRST, Identity, LayerKind, Link, Settings, Sink, log_send_error};
+use crate::link::sender::Sender;
 use crate::sys::{Bell, Epoll, Interest, RingConsumer, Wakeups};
 
 const CONTROL: u8 = FIRST;
@@ -67,6 +67,7 @@ pub(crate) struct KernelLink {
     ring: RingConsumer,
     bell: Bell,
     doorbell: Doorbell,
+    sender: Sender,
     /// To IPv6 destinations.
     outlet: Outlet,
     control: Control,
@@ -99,6 +100,7 @@ impl KernelLink {
             ring,
             bell,
             doorbell: Doorbell::new(socket),
+            sender: Sender::default(),
             outlet: Outlet::default(),
             control,
             epoll: Arc::clone(epoll),
@@ -159,17 +161,19 @@ impl Link for KernelLink {
         self.control.poll_message()
     }
 
-    fn send(&mut self, transmit: &Transmit, datagram: &[u8]) {
+    fn send(&mut self, burst: &Burst<'_>) {
         if self.is_lost {
             return;
         }
-        for destination in transmit.destinations.iter() {
+        for destination in burst.destinations {
             let sent = match destination {
-                SocketAddr::V4(_) => self.doorbell.socket().send_to(datagram, destination),
-                SocketAddr::V6(_) => self.outlet.send_to(datagram, *destination),
+                SocketAddr::V4(_) => self
+                    .sender
+                    .send(self.doorbell.socket(), *destination, burst),
+                SocketAddr::V6(_) => self.outlet.send(burst, *destination),
             };
             if let Err(error) = sent {
-                log_send_error(*destination, datagram.len(), &error);
+                log_send_error(*destination, burst.bytes.len(), &error);
             }
         }
     }

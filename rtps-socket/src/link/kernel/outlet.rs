@@ -3,28 +3,25 @@
 use std::io;
 use std::net::{Ipv6Addr, SocketAddr, UdpSocket};
 
-use rtps_user::ipv6;
-
+use crate::link::Burst;
+use crate::link::sender::Sender;
 use crate::sys::udp;
 
 /// See the module.
 #[derive(Debug, Default)]
 pub(super) struct Outlet {
     socket: Option<UdpSocket>,
+    sender: Sender,
 }
 
 impl Outlet {
-    /// Sends a datagram; an error where the host has no IPv6.
-    pub(super) fn send_to(
-        &mut self,
-        datagram: &[u8],
-        destination: SocketAddr,
-    ) -> io::Result<usize> {
+    /// Sends datagrams; an error where the host has no IPv6.
+    pub(super) fn send(&mut self, burst: &Burst<'_>, destination: SocketAddr) -> io::Result<()> {
         let socket = match &mut self.socket {
             Some(socket) => socket,
             none => none.insert(udp::bind((Ipv6Addr::UNSPECIFIED, 0).into())?),
         };
-        socket.send_to(datagram, ipv6::to_socket(destination))
+        self.sender.send(socket, destination, burst)
     }
 }
 
@@ -41,7 +38,12 @@ mod tests {
         let address = receiver.local_addr().unwrap();
         let mut outlet = Outlet::default();
         for text in [b"one", b"two"] {
-            assert_eq!(outlet.send_to(text, address).unwrap(), text.len());
+            let burst = Burst {
+                destinations: &[address],
+                bytes: text,
+                segment: text.len(),
+            };
+            outlet.send(&burst, address).unwrap();
             let mut buffer = [0; 8];
             let (len, _) = receiver.recv_from(&mut buffer).unwrap();
             assert_eq!(&buffer[..len], text);
