@@ -5,7 +5,7 @@
 //! when the two have a channel; whoever sends looks at it with [`slot`], and what comes out of a channel comes from
 //! its [`address`].
 
-use std::net::{Ipv4Addr, SocketAddr};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 
 /// Means nothing, but no address of an endpoint is without a port.
 const PORT: u16 = 7400;
@@ -26,6 +26,11 @@ pub fn slot(address: SocketAddr) -> Option<u8> {
     }
 }
 
+/// Whether an address means nothing outside of this host: nobody else may announce it or send from it.
+pub fn is_local(ip: IpAddr) -> bool {
+    matches!(ip, IpAddr::V4(ip) if ip.octets()[0] == 0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -34,6 +39,7 @@ mod tests {
     fn slots_have_addresses() {
         for number in [1, 7, 255] {
             assert_eq!(slot(address(number)), Some(number));
+            assert!(is_local(address(number).ip()));
         }
     }
 

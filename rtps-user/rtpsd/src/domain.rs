@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::net::{Ipv4Addr, SocketAddr};
+use std::os::fd::OwnedFd;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
@@ -12,6 +13,7 @@ use rtps_user::layer::{KernelChange, Layer, LayerConfig, LayerOutput};
 use rtps_user::wire::{Guid, GuidPrefix, VendorId};
 use tracing::{debug, info, warn};
 
+use crate::channel;
 use crate::cli::{Discovery, Options, Peer};
 use crate::interfaces::{self, Interface, locators};
 use crate::kernel_maps::{BuiltinSample, KernelMaps, builtin_reader, monotonic_now};
@@ -230,7 +232,12 @@ impl DomainHost {
                             .send(&datagram, destination, effects.interfaces);
                     }
                 }
-                LayerOutput::Reply { slot, message } => effects.replies.push((slot, message)),
+                LayerOutput::Reply { slot, message } => effects.replies.push(Reply {
+                    slot,
+                    message,
+                    descriptors: Vec::new(),
+                }),
+                LayerOutput::Channel(slots) => self.connect(slots, effects),
                 LayerOutput::Kernel(change) => {
                     if let Err(error) = self.change_kernel(change, effects) {
                         warn!("{error:#}");
@@ -244,6 +251,17 @@ impl DomainHost {
             }
         }
         self.datagram = datagram;
+    }
+
+    /// Connects two apps by shared memory.
+    fn connect(&mut self, slots: [u8; 2], effects: &mut Effects<'_>) {
+        match channel::open(slots, |slot| effects.kernel.bell_to_read(slot)) {
+            Ok(ends) => effects.replies.extend(ends),
+            Err(error) => {
+                warn!(?slots, "two apps go without shared memory: {error:#}");
+                self.layer.refuse_channel(slots);
+            }
+        }
     }
 
     fn change_kernel(&self, change: KernelChange, effects: &mut Effects<'_>) -> Result<()> {
@@ -296,8 +314,15 @@ impl DomainHost {
 pub(crate) struct Effects<'a> {
     pub(crate) kernel: &'a mut KernelMaps,
     pub(crate) interfaces: &'a [Interface],
-    /// For the apps in these slots.
-    pub(crate) replies: &'a mut Vec<(u8, FromLayer)>,
+    pub(crate) replies: &'a mut Vec<Reply>,
+}
+
+/// What an app is to be told.
+pub(crate) struct Reply {
+    pub(crate) slot: u8,
+    pub(crate) message: FromLayer,
+    /// What it gets beside the message.
+    pub(crate) descriptors: Vec<OwnedFd>,
 }
 
 fn layer_config(
@@ -332,6 +357,7 @@ fn layer_config(
         announce_period: (options.lease / 4).min(ANNOUNCE_PERIOD),
         datagram_size: interfaces::datagram_size(setting.interfaces),
         count_age: age_of_counts(identity, setting.now),
+        channels: true,
         kernel_discovery: options.discovery == Discovery::Kernel,
         bind_addresses: !options.any_source,
         resume_grace: crate::host::RESUME_GRACE,

@@ -9,11 +9,11 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use rtps_ebpf::SlotSet;
 use rtps_ebpf::abi::{APP_ATTACHED, App};
-use rtps_user::layer::protocol::{FromLayer, Hello, LAYER_PROTOCOL_VERSION, ToLayer, Welcome};
+use rtps_user::layer::protocol::{Hello, LAYER_PROTOCOL_VERSION, ToLayer, Welcome};
 use tracing::{debug, error, info, warn};
 
 use crate::attachment::Attachment;
-use crate::domain::{DomainHost, Effects};
+use crate::domain::{DomainHost, Effects, Reply};
 use crate::inboxes::{Inboxes, Made, Order};
 use crate::interfaces::{self, Interface};
 use crate::kernel_maps::{KernelMaps, monotonic_now};
@@ -67,7 +67,7 @@ pub(crate) struct Host {
     life: SignOfLife,
     occupied: SlotSet,
     awaited: BTreeMap<u8, Awaited>,
-    replies: Vec<(u8, FromLayer)>,
+    replies: Vec<Reply>,
     /// Indices of interfaces that came back, and to which the programs could not be attached yet.
     unattached: BTreeSet<u32>,
     max_ring: u32,
@@ -401,8 +401,8 @@ impl Host {
         self.drain_all(now);
     }
 
-    /// What is to be told to the apps in these slots, in this order.
-    pub(crate) fn take_replies(&mut self) -> Vec<(u8, FromLayer)> {
+    /// What is to be told to apps, in this order.
+    pub(crate) fn take_replies(&mut self) -> Vec<Reply> {
         std::mem::take(&mut self.replies)
     }
 

@@ -36,9 +36,8 @@ fn pair(a: u8, b: u8) -> Pair {
 
 impl Channels {
     fn count(&self, slot: u8) -> usize {
-        let of_slot = |(pair, state): &(&Pair, &State)| {
-            pair.contains(&slot) && **state != State::Refused
-        };
+        let of_slot =
+            |(pair, state): &(&Pair, &State)| pair.contains(&slot) && **state != State::Refused;
         self.0.iter().filter(of_slot).count()
     }
 
@@ -46,7 +45,11 @@ impl Channels {
     fn connect(&mut self, pair: Pair) -> bool {
         if !self.0.contains_key(&pair) {
             let is_room = pair.iter().all(|slot| self.count(*slot) < MAX_CHANNELS);
-            let state = if is_room { State::Wanted } else { State::Refused };
+            let state = if is_room {
+                State::Wanted
+            } else {
+                State::Refused
+            };
             self.0.insert(pair, state);
         }
         self.0.get(&pair) != Some(&State::Refused)

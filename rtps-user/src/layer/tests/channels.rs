@@ -148,7 +148,10 @@ fn channels_are_made_anew_when_both_apps_are_back_after_a_restart() {
     net.replies(0);
     assert_eq!(net.hosts[0].channels, [[a, b]]);
     for slot in [a, b] {
-        net.declare(0, endpoint(slot, 1, if slot == a { WRITER } else { READER }));
+        net.declare(
+            0,
+            endpoint(slot, 1, if slot == a { WRITER } else { READER }),
+        );
     }
     net.run(20 * SECOND);
     assert_eq!(net.hosts[0].channels.len(), 1);
