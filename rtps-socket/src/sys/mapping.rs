@@ -47,13 +47,14 @@ impl Mapping {
         Self::map(ptr::null_mut(), None, len, false, flags)
     }
 
-    /// Replaces the part of this mapping at `at` by a read-only view of `len` bytes of `fd` from `offset` on.
+    /// Replaces the part of this mapping at `at` by `len` bytes of `fd` from `offset` on, readable and perhaps
+    /// writable.
     pub(super) fn overlay(
         &self,
         at: usize,
-        fd: BorrowedFd<'_>,
-        offset: usize,
+        (fd, offset): (BorrowedFd<'_>, usize),
         len: usize,
+        write: bool,
     ) -> io::Result<()> {
         if at.checked_add(len).is_none_or(|end| end > self.len) {
             return Err(io::ErrorKind::InvalidInput.into());
@@ -61,7 +62,7 @@ impl Mapping {
         let place = self.start.as_ptr().wrapping_add(at).cast();
         let flags = libc::MAP_SHARED | libc::MAP_FIXED;
         // The range belongs to `self`, which unmaps all of it.
-        let part = Self::map(place, Some((fd, offset)), len, false, flags)?;
+        let part = Self::map(place, Some((fd, offset)), len, write, flags)?;
         std::mem::forget(part);
         Ok(())
     }

@@ -44,8 +44,8 @@ impl RingConsumer {
         }
         let position = Mapping::new(fd.as_fd(), 0, page, true)?;
         let records = Mapping::reserve(page + 2 * size)?;
-        records.overlay(0, fd.as_fd(), page, page + size)?;
-        records.overlay(page + size, fd.as_fd(), 2 * page, size)?;
+        records.overlay(0, (fd.as_fd(), page), page + size, false)?;
+        records.overlay(page + size, (fd.as_fd(), 2 * page), size, false)?;
         Ok(Self {
             fd,
             position,

@@ -1,6 +1,7 @@
 //! The kernel layer's link: an own ring that BPF programs fill, an own UDP socket that sends and is the doorbell,
 //! another one to send over IPv6, and the Unix socket to rtpsd, which may come and go without a sample lost.
 
+mod channels;
 mod control;
 mod doorbell;
 mod outlet;
@@ -16,8 +17,10 @@ use std::time::Instant;
 use rtps_user::layer::protocol::{
     FromLayer, Hello, LAYER_PROTOCOL_VERSION, Resume, ToLayer, Welcome,
 };
+use rtps_user::local;
 use thiserror::Error;
 
+use self::channels::Channels;
 use self::control::{Control, ControlEvent};
 use self::doorbell::Doorbell;
 use self::outlet::Outlet;
@@ -28,6 +31,8 @@ use crate::sys::{Bell, Epoll, Interest, RingConsumer, Wakeups};
 const CONTROL: u8 = FIRST;
 const DOORBELL: u8 = FIRST + 1;
 const RING: u8 = FIRST + 2;
+/// All channels, which need not be told apart.
+const CHANNEL: u8 = FIRST + 3;
 
 /// Records that one call takes out of the ring: bounds how long timers wait in a flood.
 const RECORDS_AT_ONCE: usize = 64;
@@ -70,6 +75,8 @@ pub(crate) struct KernelLink {
     sender: Sender,
     /// To IPv6 destinations.
     outlet: Outlet,
+    /// To and from other apps of this host.
+    channels: Channels,
     control: Control,
     epoll: Arc<Epoll>,
     is_lost: bool,
@@ -102,6 +109,7 @@ impl KernelLink {
             doorbell: Doorbell::new(socket),
             sender: Sender::default(),
             outlet: Outlet::default(),
+            channels: Channels::new(epoll),
             control,
             epoll: Arc::clone(epoll),
             is_lost: false,
@@ -135,6 +143,12 @@ impl KernelLink {
                 Ok(()) => self.control.attached(now),
                 Err(error) => self.control.give_up(now, &error.to_string()),
             },
+            ControlEvent::Channel(slot, fds) => {
+                if let Err(error) = self.channels.open(slot, fds) {
+                    tracing::error!(slot, %error, "another app of this host cannot be reached");
+                }
+            }
+            ControlEvent::ChannelClosed(slot) => self.channels.close(slot),
             ControlEvent::Lost(why) => {
                 tracing::warn!(
                     "rtpsd is gone ({why}): data keep flowing, matching waits for its return"
@@ -166,6 +180,12 @@ impl Link for KernelLink {
             return;
         }
         for destination in burst.destinations {
+            if let Some(slot) = local::slot(*destination) {
+                if !self.channels.send(slot, burst) {
+                    tracing::debug!(slot, "the channel to another app is full");
+                }
+                continue;
+            }
             let sent = match destination {
                 SocketAddr::V4(_) => self
                     .sender
@@ -182,20 +202,23 @@ impl Link for KernelLink {
         let records = self
             .ring
             .drain(RECORDS_AT_ONCE, |record| match record::parse(record) {
+                // Those addresses are for what comes out of channels.
+                Some((source, _)) if local::is_local(source.ip()) => {}
                 Some((source, message)) => sink(source, message),
                 None => tracing::warn!(len = record.len(), "a record of the ring is malformed"),
             });
         self.doorbell.took(records, wakeups.contains(DOORBELL));
-        if wakeups.contains(CONTROL)
-            && let Some(event) = self.control.receive(now)
-        {
-            self.handle_control(now, event);
+        self.channels.receive(sink);
+        if wakeups.contains(CONTROL) {
+            while let Some(event) = self.control.receive(now) {
+                self.handle_control(now, event);
+            }
         }
     }
 
     fn prepare_sleep(&mut self) -> bool {
         self.bell.arm();
-        let quiet = !self.ring.has_record();
+        let quiet = !self.ring.has_record() && !self.channels.has_record();
         if !quiet {
             self.bell.disarm();
         }
