@@ -1,7 +1,7 @@
 //! A ring of datagrams in memory that two processes share: one fills it, the other empties it.
 //!
-//! It is laid out as a page with the producer's position, a page with the consumer's position, and the data. Both
-//! positions count bytes since the ring was made. A record is its length (4 bytes, and 4 without meaning), its bytes,
+//! It is laid out as a page with the producer's position, a page with the consumer's position and whether that sleeps,
+//! and the data. Both positions count bytes since the ring was made. A record is its length (4 bytes, and 4 without meaning), its bytes,
 //! and padding to a multiple of 8; the data are mapped twice, so that no record wraps.
 //!
 //! The two sides need not trust each other. Each keeps its own position to itself and only publishes it; what the other
@@ -15,27 +15,24 @@ mod tests;
 use std::fs::File;
 use std::io::{self, Read, Write};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
-use std::sync::atomic::{AtomicU32, Ordering, fence};
+use std::sync::atomic::{Ordering, fence};
 
 use self::ring::{Consumer, Producer};
-use super::mapping::{Mapping, page_size};
 
 /// What sends to another process.
 #[derive(Debug)]
 pub(crate) struct Outbound {
     producer: Producer,
-    bell: PeerBell,
     wake: File,
     /// Where the other side had read to when it was woken last.
     woken_at: Option<u64>,
 }
 
 impl Outbound {
-    /// Maps the ring to fill and the other side's bell; `wake` is the pipe that wakes it.
-    pub(crate) fn map(ring: OwnedFd, wake: OwnedFd, bell: OwnedFd) -> io::Result<Self> {
+    /// Maps the ring to fill; `wake` is the pipe that wakes the other side.
+    pub(crate) fn map(ring: OwnedFd, wake: OwnedFd) -> io::Result<Self> {
         Ok(Self {
             producer: Producer::map(&File::from(ring))?,
-            bell: PeerBell::map(bell.as_fd())?,
             wake: wake.into(),
             woken_at: None,
         })
@@ -57,9 +54,9 @@ impl Outbound {
     }
 
     fn wake(&mut self) {
-        // Between the record and the bell: the other side goes the other way round.
+        // Between the record and this look: the other side goes the other way round.
         fence(Ordering::SeqCst);
-        if !self.bell.is_armed() {
+        if !self.producer.is_awaited() {
             return;
         }
         // Who has not read since is on its way, and does not sleep again before it has.
@@ -114,6 +111,17 @@ impl Inbound {
         taken
     }
 
+    /// Asks to be woken. Whatever [`has_record`](Self::has_record) does not see after this will do that.
+    pub(crate) fn arm(&self) {
+        self.consumer.set_waiting(true);
+        fence(Ordering::SeqCst);
+    }
+
+    /// Awake: no wake-ups, please.
+    pub(crate) fn disarm(&self) {
+        self.consumer.set_waiting(false);
+    }
+
     /// Whether a datagram waits.
     pub(crate) fn has_record(&self) -> bool {
         self.consumer.has_record()
@@ -123,25 +131,5 @@ impl Inbound {
 impl AsFd for Inbound {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.pipe.as_fd()
-    }
-}
-
-/// Another process's [`Bell`](super::Bell).
-#[derive(Debug)]
-struct PeerBell {
-    mapping: Mapping,
-}
-
-impl PeerBell {
-    fn map(fd: BorrowedFd<'_>) -> io::Result<Self> {
-        let mapping = Mapping::new(fd, 0, page_size(), false)?;
-        Ok(Self { mapping })
-    }
-
-    /// Whether it wants to be woken.
-    fn is_armed(&self) -> bool {
-        // SAFETY: a page-aligned, readable page that lives as long as `self`; the word is only loaded.
-        let need_wakeup: &AtomicU32 = unsafe { &*self.mapping.start().cast() };
-        need_wakeup.load(Ordering::Relaxed) != 0
     }
 }

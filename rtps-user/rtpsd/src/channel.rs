@@ -3,8 +3,7 @@
 //!
 //! The apps need not trust each other. Neither can change the size of a ring under the other's feet. A pipe's two ends
 //! are opened one by one, so that neither app can make the other's calls wait, and the end that wakes is open for
-//! reading too: it cannot break, which would be a signal that ends the app. Whether an app sleeps is what its bell says,
-//! and others can only look at that: what one of them writes there would keep the rest from waking it.
+//! reading too: it cannot break, which would be a signal that ends the app.
 
 use std::fs::{File, OpenOptions};
 use std::os::fd::{AsRawFd, OwnedFd};
@@ -22,19 +21,18 @@ use crate::sys;
 /// Bytes of data in a ring. Only pages that were written to take memory.
 const RING_BYTES: usize = 512 << 10;
 
-/// Makes a channel between the apps in two slots; what each of them is to be told. `bell` gives the one of a slot, to be
-/// read.
-pub(crate) fn open(slots: [u8; 2], bell: impl Fn(u8) -> Result<OwnedFd>) -> Result<[Reply; 2]> {
+/// Makes a channel between the apps in two slots; what each of them is to be told.
+pub(crate) fn open(slots: [u8; 2]) -> Result<[Reply; 2]> {
     let [a, b] = slots;
     let (from_a, from_b) = (Direction::new()?, Direction::new()?);
     Ok([
-        reply(a, b, from_a.sending_end(bell(b)?)?, from_b.receiving_end()?),
-        reply(b, a, from_b.sending_end(bell(a)?)?, from_a.receiving_end()?),
+        reply(a, b, from_a.sending_end()?, from_b.receiving_end()?),
+        reply(b, a, from_b.sending_end()?, from_a.receiving_end()?),
     ])
 }
 
 /// Tells `slot` that it is connected with `other`.
-fn reply(slot: u8, other: u8, sending: [OwnedFd; 3], receiving: [OwnedFd; 2]) -> Reply {
+fn reply(slot: u8, other: u8, sending: [OwnedFd; 2], receiving: [OwnedFd; 2]) -> Reply {
     Reply {
         slot,
         message: FromLayer::Channel { slot: other },
@@ -58,8 +56,8 @@ impl Direction {
         })
     }
 
-    /// The ring, what wakes the receiver, and what says whether that sleeps.
-    fn sending_end(&self, bell: OwnedFd) -> Result<[OwnedFd; 3]> {
+    /// The ring, and what wakes the receiver.
+    fn sending_end(&self) -> Result<[OwnedFd; 2]> {
         let path = format!("/proc/self/fd/{}", self.pipe.as_raw_fd());
         let mut options = OpenOptions::new();
         options.read(true).write(true);
@@ -67,7 +65,7 @@ impl Direction {
             .custom_flags(OFlag::O_NONBLOCK.bits())
             .open(path)
             .context("the writing end of a pipe")?;
-        Ok([self.ring.try_clone()?, wake.into(), bell])
+        Ok([self.ring.try_clone()?, wake.into()])
     }
 
     /// The ring, and what wakes.
@@ -76,7 +74,7 @@ impl Direction {
     }
 }
 
-/// A page with the producer's position, one with the consumer's, and the data.
+/// A page for the producer, one for the consumer, and the data.
 fn ring() -> Result<OwnedFd> {
     let flags = MFdFlags::MFD_CLOEXEC | MFdFlags::MFD_ALLOW_SEALING;
     let file = File::from(memfd_create("rtps-channel", flags).context("memfd")?);
@@ -95,14 +93,9 @@ mod tests {
 
     use super::*;
 
-    /// Each end's descriptors; a bell is a file that holds its slot.
+    /// Each end's descriptors.
     fn channel() -> [Vec<File>; 2] {
-        let bell = |slot: u8| -> Result<OwnedFd> {
-            let file = File::from(memfd_create("bell", MFdFlags::MFD_CLOEXEC)?);
-            file.write_all_at(&[slot], 0)?;
-            Ok(file.into())
-        };
-        let [a, b] = open([3, 9], bell).unwrap();
+        let [a, b] = open([3, 9]).unwrap();
         assert_eq!((a.slot, a.message), (3, FromLayer::Channel { slot: 9 }));
         assert_eq!((b.slot, b.message), (9, FromLayer::Channel { slot: 3 }));
         [a.descriptors, b.descriptors].map(|end| end.into_iter().map(File::from).collect())
@@ -118,24 +111,17 @@ mod tests {
             assert_eq!([near.len(), far.len()], [CHANNEL_DESCRIPTORS; 2]);
             near[0].write_all_at(b"ring", 8192).unwrap();
             let mut seen = [0; 4];
-            far[3].read_exact_at(&mut seen, 8192).unwrap();
+            far[2].read_exact_at(&mut seen, 8192).unwrap();
             assert_eq!(&seen, b"ring");
             (&near[1]).write_all(b"!").unwrap();
-            assert_eq!((&far[4]).read(&mut seen).unwrap(), 1);
+            assert_eq!((&far[3]).read(&mut seen).unwrap(), 1);
         }
-        let bell = |end: &[File]| -> u8 {
-            let mut slot = [0];
-            end[2].read_exact_at(&mut slot, 0).unwrap();
-            slot[0]
-        };
-        let [a, b] = channel();
-        assert_eq!((bell(&a), bell(&b)), (9, 3), "the other one's");
     }
 
     #[test]
     fn neither_end_can_resize_a_ring() {
         let [near, far] = channel();
-        for ring in [&near[0], &near[3], &far[0], &far[3]] {
+        for ring in [&near[0], &near[2], &far[0], &far[2]] {
             assert!(ring.set_len(0).is_err());
             assert!(ring.set_len(1 << 30).is_err());
         }
@@ -149,7 +135,7 @@ mod tests {
         assert_eq!(full.kind(), ErrorKind::WouldBlock);
         // What the receiver sets is its own affair.
         let blocking = FcntlArg::F_SETFL(OFlag::empty());
-        fcntl(&far[4], blocking).unwrap();
+        fcntl(&far[3], blocking).unwrap();
         let full = wake.write(&[0; 4096]).unwrap_err();
         assert_eq!(full.kind(), ErrorKind::WouldBlock);
         drop(far);

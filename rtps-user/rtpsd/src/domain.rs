@@ -255,7 +255,7 @@ impl DomainHost {
 
     /// Connects two apps by shared memory.
     fn connect(&mut self, slots: [u8; 2], effects: &mut Effects<'_>) {
-        match channel::open(slots, |slot| effects.kernel.bell_to_read(slot)) {
+        match channel::open(slots) {
             Ok(ends) => effects.replies.extend(ends),
             Err(error) => {
                 warn!(?slots, "two apps go without shared memory: {error:#}");

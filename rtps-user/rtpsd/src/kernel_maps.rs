@@ -5,7 +5,7 @@ mod peers;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
-use std::os::fd::{AsFd, OwnedFd};
+use std::os::fd::AsFd;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
@@ -34,7 +34,6 @@ pub(crate) struct KernelMaps {
     addresses: HashMap<MapData, [u8; 16], u32>,
     routes: HashMap<MapData, [u8; 16], SlotSet>,
     apps: Array<MapData, App>,
-    bells: ArrayOfMaps<MapData, MapData>,
     rings: ArrayOfMaps<MapData, MapData>,
     pub(crate) peers: Peers,
     pub(crate) discovery: DiscoveryMaps,
@@ -51,7 +50,6 @@ impl KernelMaps {
             addresses: open(folder, name::ADDRESSES)?,
             routes: open(folder, name::ROUTES)?,
             apps: open(folder, name::APPS)?,
-            bells: open(folder, name::BELLS)?,
             rings: open(folder, name::RINGS)?,
             peers: Peers::open(folder)?,
             discovery: DiscoveryMaps::open(folder)?,
@@ -156,12 +154,6 @@ impl KernelMaps {
             }
         }
         Ok(attached)
-    }
-
-    /// The bell of an app, for others to look at but not to change.
-    pub(crate) fn bell_to_read(&self, slot: u8) -> Result<OwnedFd> {
-        let bell = self.bells.get(&slot.into(), 0).context("map `bells`")?;
-        Ok(sys::map_to_read(bell.info()?.id())?)
     }
 
     /// The size of a slot's ring and how much of it waits to be read, in bytes.

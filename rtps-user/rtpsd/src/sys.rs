@@ -10,19 +10,8 @@ use std::os::fd::{AsRawFd, BorrowedFd, FromRawFd, OwnedFd, RawFd};
 use std::ptr;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// BPF_MAP_GET_FD_BY_ID and BPF_MAP_UPDATE_BATCH of `enum bpf_cmd`.
-const BPF_MAP_GET_FD_BY_ID: libc::c_long = 14;
+/// BPF_MAP_UPDATE_BATCH of `enum bpf_cmd`.
 const BPF_MAP_UPDATE_BATCH: libc::c_long = 26;
-/// BPF_F_RDONLY: the descriptor cannot be used to change the map.
-const BPF_F_RDONLY: u32 = 1 << 3;
-
-/// The part of `union bpf_attr` that finds objects by their numbers.
-#[repr(C)]
-struct IdAttr {
-    id: u32,
-    next_id: u32,
-    open_flags: u32,
-}
 
 /// The part of `union bpf_attr` that the batch commands use.
 #[repr(C)]
@@ -68,29 +57,6 @@ pub(crate) fn set_inner_maps(
     };
     match result {
         0 => Ok(()),
-        _ => Err(io::Error::last_os_error()),
-    }
-}
-
-/// A descriptor of a map that whoever gets it can only read, and map into memory only to read.
-pub(crate) fn map_to_read(id: u32) -> io::Result<OwnedFd> {
-    let attr = IdAttr {
-        id,
-        next_id: 0,
-        open_flags: BPF_F_RDONLY,
-    };
-    // SAFETY: the kernel reads `attr`, which outlives the call.
-    let fd = unsafe {
-        libc::syscall(
-            libc::SYS_bpf,
-            BPF_MAP_GET_FD_BY_ID,
-            ptr::from_ref(&attr),
-            size_of::<IdAttr>(),
-        )
-    };
-    match RawFd::try_from(fd) {
-        // SAFETY: a new descriptor that nobody else owns.
-        Ok(fd) if fd >= 0 => Ok(unsafe { OwnedFd::from_raw_fd(fd) }),
         _ => Err(io::Error::last_os_error()),
     }
 }

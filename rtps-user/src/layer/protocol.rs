@@ -90,9 +90,9 @@ pub enum FromLayer {
     },
 }
 
-/// How many descriptors come beside a [`FromLayer::Channel`]: the ring that the app fills, what wakes the other app, the
-/// bell that says whether that sleeps (readable only), the ring that the other app fills, what wakes this one.
-pub const CHANNEL_DESCRIPTORS: usize = 5;
+/// How many descriptors come beside a [`FromLayer::Channel`]: the ring that the app fills, the pipe that wakes the other
+/// app, the ring that the other app fills, the pipe that wakes this one.
+pub const CHANNEL_DESCRIPTORS: usize = 4;
 
 /// Who wants to use the layer.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]

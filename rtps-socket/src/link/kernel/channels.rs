@@ -45,10 +45,10 @@ impl Channels {
     /// Takes a channel with another app, with the descriptors that came beside
     /// [`FromLayer::Channel`](rtps_user::layer::protocol::FromLayer::Channel).
     pub(super) fn open(&mut self, slot: u8, descriptors: Vec<OwnedFd>) -> io::Result<()> {
-        let [to, wake, bell, from, pipe] = descriptors
+        let [to, wake, from, pipe] = descriptors
             .try_into()
             .map_err(|_| io::Error::from(io::ErrorKind::InvalidData))?;
-        let outbound = Outbound::map(to, wake, bell)?;
+        let outbound = Outbound::map(to, wake)?;
         let inbound = Inbound::map(from, pipe)?;
         self.epoll.add(inbound.as_fd(), CHANNEL, Interest::Edge)?;
         let replaced = self.by_slot.remove(&slot).map(|channel| channel.inbound);
@@ -84,12 +84,19 @@ impl Channels {
         }
     }
 
-    /// Whether something waits to be taken.
-    pub(super) fn has_record(&self) -> bool {
-        let mut channels = self.by_slot.values();
-        channels.any(|channel| {
-            let mut inbound = channel.replaced.iter().chain([&channel.inbound]);
-            inbound.any(Inbound::has_record)
-        })
+    /// Asks to be woken; false when something has arrived already.
+    pub(super) fn arm(&self) -> bool {
+        self.inbound().for_each(Inbound::arm);
+        !self.inbound().any(Inbound::has_record)
+    }
+
+    /// Awake: no wake-ups, please.
+    pub(super) fn disarm(&self) {
+        self.inbound().for_each(Inbound::disarm);
+    }
+
+    fn inbound(&self) -> impl Iterator<Item = &Inbound> {
+        let channels = self.by_slot.values();
+        channels.flat_map(|channel| channel.replaced.iter().chain([&channel.inbound]))
     }
 }

@@ -218,15 +218,16 @@ impl Link for KernelLink {
 
     fn prepare_sleep(&mut self) -> bool {
         self.bell.arm();
-        let quiet = !self.ring.has_record() && !self.channels.has_record();
+        let quiet = self.channels.arm() && !self.ring.has_record();
         if !quiet {
-            self.bell.disarm();
+            self.awake();
         }
         quiet
     }
 
     fn awake(&mut self) {
         self.bell.disarm();
+        self.channels.disarm();
     }
 
     fn poll_timeout(&self) -> Option<Instant> {

@@ -63,6 +63,13 @@ impl Pages {
         unsafe { &*self.mapping.start().wrapping_add(self.page).cast() }
     }
 
+    /// Whether the consumer sleeps, or is about to.
+    fn is_waiting(&self) -> &AtomicU32 {
+        let place = self.page + size_of::<AtomicU64>();
+        // SAFETY: as for the consumer's position, which it stands behind.
+        unsafe { &*self.mapping.start().wrapping_add(place).cast() }
+    }
+
     /// The first word of the record at `position`, a multiple of 8.
     fn length_at(&self, position: u64) -> &AtomicU32 {
         // SAFETY: `at` is within the mapping and aligned; only the producer, who has mapped it writable, stores.
@@ -140,6 +147,11 @@ impl Producer {
         is_new
     }
 
+    /// Whether the consumer wants to be woken.
+    pub(super) fn is_awaited(&self) -> bool {
+        self.pages.is_waiting().load(Ordering::Relaxed) != 0
+    }
+
     /// How far the consumer has read, as it says.
     pub(super) fn consumed(&self) -> u64 {
         self.pages.consumer().load(Ordering::Relaxed)
@@ -198,7 +210,7 @@ impl Consumer {
     /// The length of the next record, if it is one that can be there.
     fn record(&self, producer: u64) -> Option<usize> {
         let available = producer.wrapping_sub(self.position);
-        if available < HEADER || available > self.pages.size {
+        if available < HEADER || available > self.pages.size || !available.is_multiple_of(8) {
             return None;
         }
         let header = self.pages.length_at(self.position);
@@ -217,6 +229,12 @@ impl Consumer {
             ptr::copy_nonoverlapping(record, buffer.as_mut_ptr(), len);
             buffer.set_len(len);
         }
+    }
+
+    /// Says whether the consumer wants to be woken.
+    pub(super) fn set_waiting(&self, is_waiting: bool) {
+        let flag = self.pages.is_waiting();
+        flag.store(is_waiting.into(), Ordering::Relaxed);
     }
 
     /// Whether something was published that has not been read.

@@ -10,8 +10,9 @@ use nix::unistd::pipe2;
 use proptest::prelude::*;
 
 use super::*;
+use crate::sys::mapping::page_size;
 use crate::sys::ring::tests::memory_file;
-use crate::sys::{Bell, Epoll, Interest};
+use crate::sys::{Epoll, Interest};
 
 const SIZE: usize = 8 * 1024;
 
@@ -19,21 +20,17 @@ const SIZE: usize = 8 * 1024;
 struct Channel {
     outbound: Outbound,
     inbound: Inbound,
-    /// The receiver's.
-    bell: Bell,
     ring: File,
 }
 
 impl Channel {
     fn new() -> Self {
         let ring = memory_file(2 * page_size() + SIZE);
-        let bell = memory_file(page_size());
         let (read, write) = pipe2(OFlag::O_CLOEXEC | OFlag::O_NONBLOCK).unwrap();
         let copy = |file: &File| OwnedFd::from(file.try_clone().unwrap());
         Self {
-            outbound: Outbound::map(copy(&ring), write, copy(&bell)).unwrap(),
+            outbound: Outbound::map(copy(&ring), write).unwrap(),
             inbound: Inbound::map(copy(&ring), read).unwrap(),
-            bell: Bell::map(bell.as_fd()).unwrap(),
             ring,
         }
     }
@@ -111,14 +108,14 @@ fn only_who_sleeps_is_woken_and_only_once() {
     channel.send(b"awake");
     assert_eq!(channel.wakes(), 0);
     assert_eq!(channel.receive(9).len(), 1);
-    channel.bell.arm();
+    channel.inbound.arm();
     for _ in 0..5 {
         channel.send(b"asleep");
     }
     assert_eq!(channel.wakes(), 1);
-    channel.bell.disarm();
+    channel.inbound.disarm();
     assert_eq!(channel.receive(9).len(), 5);
-    channel.bell.arm();
+    channel.inbound.arm();
     channel.send(b"asleep again");
     assert_eq!(channel.wakes(), 1);
 }
@@ -131,11 +128,11 @@ fn the_pipe_never_fills() {
         .add(channel.inbound.as_fd(), 7, Interest::Edge)
         .unwrap();
     for _ in 0..70_000 {
-        channel.bell.arm();
+        channel.inbound.arm();
         channel.send(b"wake up");
         let wakeups = epoll.wait(Some(Duration::from_secs(5))).unwrap();
         assert!(wakeups.contains(7));
-        channel.bell.disarm();
+        channel.inbound.disarm();
         assert_eq!(channel.receive(9).len(), 1);
     }
     assert!(channel.wakes() <= 2 * PIPE_PERIOD);
@@ -207,7 +204,6 @@ fn two_threads_lose_nothing_and_miss_no_wake_up() {
     let Channel {
         mut outbound,
         mut inbound,
-        bell,
         ring: _,
     } = Channel::new();
     let sender = thread::spawn(move || {
@@ -223,12 +219,12 @@ fn two_threads_lose_nothing_and_miss_no_wake_up() {
     epoll.add(inbound.as_fd(), 7, Interest::Edge).unwrap();
     let (mut next, mut buffer) = (0u32, Vec::new());
     while next < COUNT {
-        bell.arm();
+        inbound.arm();
         if !inbound.has_record() {
             let wakeups = epoll.wait(Some(Duration::from_secs(20))).unwrap();
             assert!(!wakeups.is_empty(), "nobody woke the reader of {next}");
         }
-        bell.disarm();
+        inbound.disarm();
         inbound.drain(64, &mut buffer, |datagram| {
             assert_eq!(datagram, next.to_ne_bytes().repeat(1 + next as usize % 40));
             next += 1;
