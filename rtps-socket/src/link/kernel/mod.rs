@@ -5,6 +5,7 @@ mod channels;
 mod control;
 mod doorbell;
 mod outlet;
+mod patience;
 mod record;
 
 use std::io;
@@ -217,6 +218,9 @@ impl Link for KernelLink {
     }
 
     fn prepare_sleep(&mut self) -> bool {
+        if self.channels.linger() {
+            return false;
+        }
         self.bell.arm();
         let quiet = self.channels.arm() && !self.ring.has_record();
         if !quiet {
