@@ -15,6 +15,8 @@ pub mod local;
 pub mod qos;
 pub mod reader;
 mod remote;
+mod slab;
+mod table;
 mod transmit;
 pub mod wire;
 pub mod writer;

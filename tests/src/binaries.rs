@@ -1,4 +1,4 @@
-//! The binaries that tests and demo start: rtpsd and the examples of rtps-socket, built in release mode.
+//! The binaries that tests, demo and benchmarks start: rtpsd, rtps and the examples of rtps-socket, built in release mode.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -16,6 +16,12 @@ impl Binaries {
     #[must_use]
     pub fn rtpsd(&self) -> PathBuf {
         self.folder.join("rtpsd")
+    }
+
+    /// The command-line tool.
+    #[must_use]
+    pub fn rtps(&self) -> PathBuf {
+        self.folder.join("rtps")
     }
 
     /// An example of rtps-socket.
@@ -45,6 +51,8 @@ pub fn build() -> Result<Binaries> {
             "rtpsd",
             "--package",
             "rtps-socket",
+            "--package",
+            "rtps-cli",
             "--bins",
             "--examples",
         ])

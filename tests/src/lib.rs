@@ -2,12 +2,12 @@
 //!
 //! - [`netns`], [`link`]: hosts made of network namespaces, joined by veth pairs or a bridge
 //! - [`loss`], [`pass_all`]: small BPF programs of our own that lose packets or let all pass
-//! - [`binaries`]: rtpsd and the examples of rtps-socket
+//! - [`binaries`]: rtpsd, `rtps` and the examples of rtps-socket
 //! - [`layer`]: what the apps of a host stand on, and the kernel layer
 //! - [`stage`], [`stream`]: two hosts with programs on them, and samples on their way, of which none may be missing
 //! - [`packet`]: frames and RTPS messages for the kernel verdict tables
 //! - [`process`]: child processes that end with the test
-//! - [`peers`]: publishers and subscribers on Cyclone DDS and Fast DDS
+//! - [`peers`], [`ddsperf`]: publishers and subscribers on Cyclone DDS and Fast DDS, and Cyclone DDS's own measure
 //! - [`capture`]: what was on the wire, decoded by tshark
 //! - [`debian`], [`require`]: what a machine lacks, and why a test is skipped
 //!
@@ -16,6 +16,7 @@
 pub mod binaries;
 mod bpf;
 pub mod capture;
+pub mod ddsperf;
 pub mod debian;
 pub mod layer;
 pub mod link;

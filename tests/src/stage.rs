@@ -1,6 +1,7 @@
 //! Two hosts joined by a veth pair, and the programs that run on them.
 
 use std::net::Ipv4Addr;
+use std::path::Path;
 use std::sync::LazyLock;
 use std::thread;
 use std::time::{Duration, Instant};
@@ -111,12 +112,24 @@ pub fn hosts(label: &str) -> Result<[Host; 2]> {
 /// # Errors
 /// When it cannot be started.
 pub fn spawn_app(netns: &Netns, layer: Layer, example: &str, arguments: &str) -> Result<Process> {
-    let program = binaries()?.example(example);
-    let mut command = netns.command_as(Identity::NOBODY, &program)?;
+    spawn_ours(netns, layer, &binaries()?.example(example), arguments)
+}
+
+/// Starts `rtps`, as [`spawn_app`].
+///
+/// # Errors
+/// When it cannot be started.
+pub fn spawn_rtps(netns: &Netns, layer: Layer, arguments: &str) -> Result<Process> {
+    spawn_ours(netns, layer, &binaries()?.rtps(), arguments)
+}
+
+fn spawn_ours(netns: &Netns, layer: Layer, program: &Path, arguments: &str) -> Result<Process> {
+    let mut command = netns.command_as(Identity::NOBODY, program)?;
     command
         .args(arguments.split_whitespace())
         .env("RTPS_LAYER", layer.name());
-    let label = format!("{example} on the {} layer: {arguments}", layer.name());
+    let name = program.file_name().unwrap_or_default().display();
+    let label = format!("{name} on the {} layer: {arguments}", layer.name());
     Process::spawn(&label, &mut command)
 }
 

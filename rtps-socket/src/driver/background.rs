@@ -49,7 +49,10 @@ fn take_seat<'a>(shared: &'a Shared, mut core: MutexGuard<'a, Core>) -> MutexGua
 fn drive<'a>(shared: &'a Shared, mut core: MutexGuard<'a, Core>) -> MutexGuard<'a, Core> {
     let now = Instant::now();
     core.settle(now);
-    let Some(timeout) = core.prepare_sleep(now, None) else {
+    let sleep = core
+        .prepare_nap(now)
+        .or_else(|| core.prepare_sleep(now, None));
+    let Some(timeout) = sleep else {
         let wakeups = shared.look_in_time(&mut core, now);
         core.receive(now, wakeups);
         shared.release(core);

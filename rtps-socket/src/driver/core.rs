@@ -1,6 +1,7 @@
 //! Everything of a participant that is under its lock: endpoints, link, and who waits for what.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 use std::task::Waker;
 use std::time::{Duration, Instant};
 
@@ -9,10 +10,11 @@ use rtps_user::layer::protocol::{Endpoint, FromLayer, ToLayer};
 use rtps_user::qos::{PolicyId, Qos};
 use rtps_user::wire::{EntityId, EntityKind, Guid};
 
+use super::batching::{Batching, Patience};
 use super::entity::{Entity, Listener, Notice};
 use super::outgoing::Outgoing;
 use super::seat::{Holder, SLACK, Seat, Sleep, WRITING};
-use crate::link::{Burst, Identity, LayerKind, Link};
+use crate::link::{Arrivals, Burst, Identity, LayerKind, Link};
 use crate::status::StatusEvent;
 use crate::sys::Wakeups;
 
@@ -26,8 +28,8 @@ pub(crate) struct Core {
     identity: Identity,
     next_serial: u16,
     outgoing: Outgoing,
-    datagram: Vec<u8>,
     notices: Vec<Notice>,
+    pub(super) batching: Batching,
     last_write: Option<Instant>,
     is_lost: bool,
 }
@@ -43,8 +45,8 @@ impl Core {
             identity,
             next_serial: 1,
             outgoing: Outgoing::new(),
-            datagram: Vec::new(),
             notices: Vec::new(),
+            batching: Batching::default(),
             last_write: None,
             is_lost: false,
         }
@@ -96,8 +98,9 @@ impl Core {
         self.link.request(now, ToLayer::Declare(Box::new(endpoint)));
     }
 
-    /// Removes an endpoint.
+    /// Removes an endpoint, which has sent everything by then.
     pub(crate) fn withdraw(&mut self, now: Instant, id: EntityId) {
+        self.transmit(now);
         self.endpoints.remove(id);
         self.link.request(now, ToLayer::Withdraw(id));
         if let Some(mut entity) = self.entities.remove(&id) {
@@ -112,6 +115,11 @@ impl Core {
         entity.map_or_else(Vec::new, |entity| {
             entity.set_listener(listener, &mut self.notices)
         })
+    }
+
+    /// Has others see USER_DATA of the participant.
+    pub(crate) fn describe(&mut self, now: Instant, user_data: Vec<u8>) {
+        self.link.request(now, ToLayer::Describe(user_data));
     }
 
     /// Asserts the liveliness of all writers that want the app to do so.
@@ -144,20 +152,29 @@ impl Core {
         }
     }
 
-    /// The app writes: timers will be short for a while.
-    pub(crate) fn note_write(&mut self, now: Instant) {
+    /// The app has written `len` bytes: timers will be short for a while. Whether they wait for more.
+    pub(super) fn note_write(&mut self, now: Instant, len: usize, patience: Patience) -> bool {
         self.last_write = Some(now);
+        self.batching.holds(now, len, patience)
     }
 
-    /// Takes in what has arrived and follows up on it.
-    pub(crate) fn receive(&mut self, now: Instant, wakeups: Wakeups) {
+    /// Takes in what has arrived and follows up on it; gives the number of datagrams.
+    pub(crate) fn receive(&mut self, now: Instant, wakeups: Wakeups) -> usize {
+        let mut count = 0;
         let endpoints = &mut self.endpoints;
         self.link.receive(now, wakeups, &mut |source, datagram| {
+            count += 1;
             if let Err(error) = endpoints.handle_datagram(now, source, datagram) {
                 tracing::debug!(%source, len = datagram.len(), %error, "malformed datagram");
             }
         });
         self.settle(now);
+        count
+    }
+
+    /// Where what has arrived can be seen.
+    pub(super) fn arrivals(&self) -> Option<Arc<dyn Arrivals>> {
+        self.link.arrivals()
     }
 
     /// Does what is due, sends what is to be sent, and notes what has happened.
@@ -174,7 +191,9 @@ impl Core {
         if self.link.is_lost() && !self.is_lost {
             self.lose_layer(now);
         }
-        self.transmit(now);
+        if !self.batching.is_holding(now) {
+            self.transmit(now);
+        }
         while let Some(event) = self.endpoints.poll_event() {
             self.handle_event(event);
         }
@@ -182,18 +201,26 @@ impl Core {
 
     /// Sends what there is to send.
     fn transmit(&mut self, now: Instant) {
-        while let Some(transmit) = self.endpoints.poll_transmit(now, &mut self.datagram) {
-            let start = self.outgoing.buffer().len();
-            self.outgoing.buffer().extend_from_slice(&self.datagram);
+        loop {
+            let buffer = self.outgoing.buffer();
+            let start = buffer.len();
+            let Some(transmit) = self.endpoints.poll_transmit(now, buffer) else {
+                break;
+            };
             let send = |burst: &Burst<'_>| self.link.send(burst);
             self.outgoing.appended(start, transmit, send);
         }
         self.outgoing.flush(|burst| self.link.send(burst));
+        self.batching.sent();
     }
 
     /// When something is due.
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
-        let timeouts = [self.endpoints.poll_timeout(), self.link.poll_timeout()];
+        let timeouts = [
+            self.endpoints.poll_timeout(),
+            self.link.poll_timeout(),
+            self.batching.due(),
+        ];
         timeouts.into_iter().flatten().min()
     }
 
@@ -216,6 +243,15 @@ impl Core {
         Some(end.map(|end| end.saturating_duration_since(now)))
     }
 
+    /// Gets ready for the short sleep after which what is held back is to be sent: until then whoever writes takes in
+    /// what arrives, and need not be helped. `None`: nothing is held back.
+    pub(super) fn prepare_nap(&mut self, now: Instant) -> Option<Option<Duration>> {
+        self.batching.due()?;
+        let end = self.poll_timeout()?;
+        self.seat.sleeps_until = Some(Sleep::Until(end));
+        Some(Some(end.saturating_duration_since(now)))
+    }
+
     /// The sleep is over.
     pub(super) fn awake(&mut self) {
         self.seat.sleeps_until = None;
@@ -224,6 +260,7 @@ impl Core {
 
     /// Leaves the domain.
     pub(super) fn shutdown(&mut self, now: Instant) {
+        self.transmit(now);
         self.link.shutdown(now);
     }
 
@@ -294,7 +331,11 @@ impl Core {
 
     fn handle_event(&mut self, event: EndpointEvent) {
         let (id, event) = match event {
-            EndpointEvent::DataAvailable(id) | EndpointEvent::Acknowledged(id) => {
+            EndpointEvent::DataAvailable(id) => {
+                self.batching.expect_answer();
+                return self.on_entity(id, |entity, notices| entity.wake(notices));
+            }
+            EndpointEvent::Acknowledged(id) => {
                 return self.on_entity(id, |entity, notices| entity.wake(notices));
             }
             EndpointEvent::LivelinessLost(writer) => (writer, StatusEvent::LivelinessLost),

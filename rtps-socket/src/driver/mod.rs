@@ -12,28 +12,31 @@
 //! waits drives on in the seat of its thread.
 
 mod background;
+mod batching;
 mod core;
 mod entity;
 mod external;
 mod outgoing;
 mod seat;
+mod spin;
 mod wait;
 
 use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::{self, JoinHandle, Thread};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use nix::sys::eventfd::{EfdFlags, EventFd};
 use nix::sys::timerfd::{ClockId, TimerFd, TimerFlags};
 
+pub(crate) use self::batching::Patience;
 pub(crate) use self::core::Core;
 pub(crate) use entity::Listener;
 
 use self::entity::Notice;
 use self::seat::Holder;
 use crate::link::{self, INTERRUPT, Link, OpenError, Settings};
-use crate::sys::{Epoll, Interest};
+use crate::sys::{Epoll, Interest, Wakeups};
 
 /// What the driving threads share.
 pub(crate) struct Shared {
@@ -51,6 +54,8 @@ pub(crate) struct Shared {
     waits: AtomicU64,
     /// Where threads wait while another has the seat.
     followers: Condvar,
+    /// For how long a waiting thread looks for itself before it sleeps.
+    busy_poll: Duration,
 }
 
 /// A participant: the last handle that goes leaves the domain.
@@ -64,11 +69,15 @@ impl Driver {
     pub(crate) fn open(settings: &Settings) -> Result<Self, OpenError> {
         let epoll = Arc::new(Epoll::new()?);
         let link = link::open(settings, &epoll)?;
-        Self::start(link, epoll)
+        Self::start(link, epoll, settings.busy_poll)
     }
 
     /// Starts driving a link, whose descriptors are in `epoll`.
-    fn start(link: Box<dyn Link>, epoll: Arc<Epoll>) -> Result<Self, OpenError> {
+    fn start(
+        link: Box<dyn Link>,
+        epoll: Arc<Epoll>,
+        busy_poll: Duration,
+    ) -> Result<Self, OpenError> {
         let interrupt = event()?;
         epoll.add(
             std::os::fd::AsFd::as_fd(&interrupt),
@@ -89,6 +98,7 @@ impl Driver {
             background: OnceLock::new(),
             waits: AtomicU64::new(0),
             followers: Condvar::new(),
+            busy_poll,
         });
         let driven = Arc::clone(&shared);
         let thread = thread::Builder::new()
@@ -129,10 +139,34 @@ impl Shared {
     /// Runs `act` on the core, then whatever follows from it: sending, waking, calling listeners.
     pub(crate) fn with<R>(&self, act: impl FnOnce(&mut Core, Instant) -> R) -> R {
         let mut core = self.lock();
+        core.batching.interrupt();
         let now = Instant::now();
         let result = act(&mut core, now);
         core.settle(now);
         self.release(core);
+        result
+    }
+
+    /// Writes `len` bytes with `act`, and sends them unless they wait for more.
+    pub(crate) fn write<R>(
+        &self,
+        len: usize,
+        patience: Patience,
+        act: impl FnOnce(&mut Core, Instant) -> R,
+    ) -> R {
+        let mut core = self.lock();
+        let now = Instant::now();
+        let result = act(&mut core, now);
+        let was_holding = core.batching.due().is_some();
+        if !core.note_write(now, len, patience) {
+            core.batching.sent();
+            core.receive(now, Wakeups::default());
+            self.look_briefly(&mut core, now, true);
+            self.release(core);
+        } else if !was_holding {
+            core.seat.is_wanted |= !core.seat.is_external && core.seat.holder == Holder::Nobody;
+            self.release(core);
+        }
         result
     }
 
@@ -151,7 +185,9 @@ impl Shared {
     fn release(&self, mut core: MutexGuard<'_, Core>) {
         if core.seat.is_external && core.seat.holder != Holder::Foreground {
             self.prepare_external_sleep(&mut core);
-        } else if core.seat.sleeps_beyond(core.poll_timeout()) {
+        } else if core.seat.sleeps_beyond(core.poll_timeout())
+            || core.seat.sleeps_through(core.batching.due())
+        {
             core.seat.sleeps_until = None;
             signal(&self.interrupt);
         }

@@ -84,12 +84,17 @@ impl Seat {
             .is_some_and(|since| since.elapsed() >= REST_AFTER)
     }
 
-    /// Whether the holder would sleep through a deadline.
+    /// Whether the holder would sleep through a deadline that is not exact.
     pub(super) fn sleeps_beyond(&self, deadline: Option<Instant>) -> bool {
+        self.sleeps_through(deadline.map(|deadline| deadline + SLACK))
+    }
+
+    /// Whether the holder would sleep through a deadline.
+    pub(super) fn sleeps_through(&self, deadline: Option<Instant>) -> bool {
         match (self.sleeps_until, deadline) {
             (None, _) | (_, None) => false,
             (Some(Sleep::Open), Some(_)) => true,
-            (Some(Sleep::Until(end)), Some(deadline)) => end > deadline + SLACK,
+            (Some(Sleep::Until(end)), Some(deadline)) => end > deadline,
         }
     }
 }

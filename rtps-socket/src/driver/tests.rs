@@ -11,7 +11,7 @@ use rtps_user::qos::Qos;
 use rtps_user::wire::{EntityId, EntityKind, Guid, GuidPrefix};
 
 use super::*;
-use crate::link::{Burst, Identity, LayerKind, Sink};
+use crate::link::{Arrivals, Burst, Identity, LayerKind, Sink};
 use crate::status::StatusEvent;
 use crate::sys::Wakeups;
 
@@ -62,6 +62,10 @@ impl Link for OddLink {
         }
     }
 
+    fn arrivals(&self) -> Option<Arc<dyn Arrivals>> {
+        None
+    }
+
     fn prepare_sleep(&mut self) -> bool {
         !self.0.is_flooded.load(Ordering::Relaxed)
     }
@@ -88,7 +92,7 @@ fn open(steering: &Arc<Steering>) -> (Driver, UdpSocket) {
     let address = socket.local_addr().unwrap();
     epoll.add(socket.as_fd(), CONTROL, Interest::Edge).unwrap();
     let link = Box::new(OddLink(Arc::clone(steering)));
-    let driver = Driver::start(link, epoll).unwrap();
+    let driver = Driver::start(link, epoll, Duration::ZERO).unwrap();
     socket.send_to(b"readable", address).unwrap();
     (driver, socket)
 }

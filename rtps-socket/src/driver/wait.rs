@@ -6,6 +6,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use super::seat::{Holder, LOOK_PERIOD};
+use super::spin::Spinning;
 use super::{Core, Shared, clear, signal};
 use crate::link::{INTERRUPT, LayerKind};
 use crate::sys::Wakeups;
@@ -22,7 +23,9 @@ impl Shared {
         let is_nested = core.seat.is_mine();
         let mut has_seat = is_nested;
         let mut has_looked = false;
+        let mut spinning = Spinning::new(self.busy_poll);
         let mut now = Instant::now();
+        core.batching.interrupt();
         core.receive(now, Wakeups::default());
         let found = loop {
             let found = look(&mut core, now);
@@ -42,7 +45,7 @@ impl Shared {
             }
             core = if has_seat || self.take_seat(&mut core, now) {
                 has_seat = true;
-                self.sleep_in_seat(core, now, deadline)
+                self.wait_in_seat(core, now, deadline, &mut spinning)
             } else {
                 self.follow(core, now, deadline)
             };
@@ -69,7 +72,7 @@ impl Shared {
 
     /// Looks at the descriptors in a call that does not wait: a caller who only ever polls gets all the same what comes
     /// through them. Whether it was time to, and something was there.
-    fn look_briefly(&self, core: &mut Core, now: Instant, is_busy: bool) -> bool {
+    pub(super) fn look_briefly(&self, core: &mut Core, now: Instant, is_busy: bool) -> bool {
         let is_free = core.seat.holder == Holder::Nobody && !core.seat.is_external;
         let period = match core.layer() {
             LayerKind::InProcess if !is_busy => Duration::ZERO,
@@ -120,7 +123,7 @@ impl Shared {
         true
     }
 
-    fn sleep_in_seat<'a>(
+    pub(super) fn sleep_in_seat<'a>(
         &'a self,
         mut core: MutexGuard<'a, Core>,
         now: Instant,

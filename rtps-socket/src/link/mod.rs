@@ -10,6 +10,7 @@ mod open;
 pub(crate) mod sender;
 
 use std::net::SocketAddr;
+use std::sync::Arc;
 use std::time::Instant;
 
 use rtps_user::layer::protocol::{FromLayer, ToLayer};
@@ -108,6 +109,10 @@ pub(crate) trait Link: Send {
     /// names.
     fn receive(&mut self, now: Instant, wakeups: Wakeups, sink: &mut Sink<'_>);
 
+    /// What to look at without a system call, and without the link, to see whether something has arrived; `None` where
+    /// everything comes through descriptors.
+    fn arrivals(&self) -> Option<Arc<dyn Arrivals>>;
+
     /// About to wait for the descriptors: asks to be woken. False when something has arrived already.
     fn prepare_sleep(&mut self) -> bool;
 
@@ -125,6 +130,12 @@ pub(crate) trait Link: Send {
 
     /// Leaves the domain in good order.
     fn shutdown(&mut self, now: Instant);
+}
+
+/// Where what comes in can be seen by any thread.
+pub(crate) trait Arrivals: Send + Sync {
+    /// Whether [`Link::receive`] would find something.
+    fn has_arrived(&self) -> bool;
 }
 
 /// A packet of the layer protocol.

@@ -1,6 +1,7 @@
 //! Choosing a layer: an explicit choice, else the kernel layer where it answers, else the in-process layer.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use thiserror::Error;
 
@@ -23,6 +24,8 @@ pub(crate) struct Settings {
     pub(crate) layer: LayerChoice,
     /// Bytes of the ring that the app asks the kernel layer for.
     pub(crate) ring_bytes: u32,
+    /// For how long a waiting thread looks for samples before it sleeps.
+    pub(crate) busy_poll: Duration,
     /// In-process layer: where to announce beside the multicast group.
     pub(crate) peers: Vec<std::net::SocketAddr>,
 }
@@ -120,6 +123,7 @@ mod tests {
             name: String::new(),
             layer: LayerChoice::InProcess,
             ring_bytes: 0,
+            busy_poll: Duration::ZERO,
             peers: Vec::new(),
         };
         let epoll = Arc::new(Epoll::new().unwrap());

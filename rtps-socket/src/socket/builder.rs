@@ -3,20 +3,22 @@
 use std::marker::PhantomData;
 use std::net::SocketAddr;
 use std::sync::Arc;
+use std::time::Duration;
 
 use super::RtpsSocket;
 use crate::driver::Driver;
 use crate::error::OpenError;
 use crate::link::{LayerChoice, Settings};
 
-/// The ring that an app asks the kernel layer for, in bytes: some 15,000 small messages.
-const RING_BYTES: u32 = 4 << 20;
+/// The ring that an app asks the kernel layer for, in bytes: some 4,000 small messages, or 700 of the size of an Ethernet frame.
+const RING_BYTES: u32 = 1 << 20;
 
 /// Opens an [`RtpsSocket`] or a [`DomainParticipant`](crate::DomainParticipant).
 #[derive(Clone, Debug)]
 #[must_use = "nothing is opened before `open`"]
 pub struct Builder<P> {
     settings: Settings,
+    user_data: Vec<u8>,
     opened: PhantomData<P>,
 }
 
@@ -30,8 +32,10 @@ impl<P: From<RtpsSocket>> Builder<P> {
                 name: name.map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
                 layer: LayerChoice::Automatic,
                 ring_bytes: RING_BYTES,
+                busy_poll: busy_poll_from_environment(),
                 peers: Vec::new(),
             },
+            user_data: Vec::new(),
             opened: PhantomData,
         }
     }
@@ -54,9 +58,17 @@ impl<P: From<RtpsSocket>> Builder<P> {
         self
     }
 
-    /// How many bytes of messages may wait for the app in the kernel layer; 4 MiB unless set.
+    /// How many bytes of messages may wait for the app in the kernel layer; 1 MiB unless set.
     pub fn ring_bytes(mut self, bytes: u32) -> Self {
         self.settings.ring_bytes = bytes;
+        self
+    }
+
+    /// For how long a thread that waits for samples looks for them again and again before it sleeps: a look takes
+    /// nanoseconds, to be woken takes microseconds, and on many machines tens of them, but nobody else has the CPU in the
+    /// meantime. Unless set, what the environment variable `RTPS_BUSY_POLL_US` says in microseconds, else zero.
+    pub fn busy_poll(mut self, duration: Duration) -> Self {
+        self.settings.busy_poll = duration;
         self
     }
 
@@ -66,12 +78,38 @@ impl<P: From<RtpsSocket>> Builder<P> {
         self
     }
 
+    /// USER_DATA: up to 256 bytes that others see in the participant's announcement. On the kernel layer all apps of
+    /// the host are one participant, and of those that have user data the last one to be opened is seen.
+    pub fn user_data(mut self, data: impl Into<Vec<u8>>) -> Self {
+        self.user_data = data.into();
+        self
+    }
+
     /// Joins the domain.
     ///
     /// # Errors
     /// When the chosen layer cannot be used; the error says what to do.
     pub fn open(self) -> Result<P, OpenError> {
         let driver = Arc::new(Driver::open(&self.settings)?);
+        if !self.user_data.is_empty() {
+            let user_data = self.user_data;
+            driver
+                .shared()
+                .with(|core, now| core.describe(now, user_data));
+        }
         Ok(RtpsSocket { driver }.into())
     }
+}
+
+/// The default of [`Builder::busy_poll`].
+fn busy_poll_from_environment() -> Duration {
+    const VARIABLE: &str = "RTPS_BUSY_POLL_US";
+    let Ok(text) = std::env::var(VARIABLE) else {
+        return Duration::ZERO;
+    };
+    let micros = text.parse().unwrap_or_else(|_| {
+        tracing::warn!("{VARIABLE} is {text:?}, which is no number of microseconds: it is ignored");
+        0
+    });
+    Duration::from_micros(micros)
 }

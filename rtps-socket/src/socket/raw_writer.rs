@@ -10,6 +10,7 @@ use rtps_user::wire::{Guid, KeyHash, SequenceNumber, Timestamp};
 use rtps_user::writer;
 
 use super::endpoint::{EndpointHandle, deadline};
+use crate::driver::Patience;
 use crate::error::{WaitError, WriteError};
 use crate::status::StatusEvent;
 
@@ -33,6 +34,7 @@ pub struct RawChange {
 pub struct RawWriter {
     endpoint: EndpointHandle,
     max_blocking_time: Option<Duration>,
+    patience: Patience,
 }
 
 impl RawWriter {
@@ -44,6 +46,7 @@ impl RawWriter {
         Self {
             endpoint,
             max_blocking_time,
+            patience: Patience::of(qos),
         }
     }
 
@@ -75,12 +78,12 @@ impl RawWriter {
             payload: change.payload,
             timestamp: to_timestamp(change.timestamp.unwrap_or_else(SystemTime::now)),
         };
+        let len = change.payload.len();
         let shared = self.endpoint.shared();
-        let written = shared.poll(|core, now| {
+        let written = shared.write(len, self.patience, |core, now| {
             if core.is_lost() {
                 return Err(WriteError::LayerLost);
             }
-            core.note_write(now);
             let writer = core.endpoints.writer_mut(self.endpoint.id());
             let writer = writer.ok_or(WriteError::Closed)?;
             Ok(writer.write(now, change.clone()))

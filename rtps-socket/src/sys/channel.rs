@@ -2,7 +2,7 @@
 //!
 //! It is laid out as a page with the producer's position, a page with the consumer's position and whether that sleeps,
 //! and the data. Both positions count bytes since the ring was made. A record is its length (4 bytes, and 4 without meaning), its bytes,
-//! and padding to a multiple of 8; the data are mapped twice, so that no record wraps.
+//! which may go on where the data begin, and padding to a multiple of 8.
 //!
 //! The two sides need not trust each other. Each keeps its own position to itself and only publishes it; what the other
 //! publishes is checked each time, and a record is copied before anybody looks at it. A ring whose producer breaks the rules
@@ -15,8 +15,10 @@ mod tests;
 use std::fs::File;
 use std::io::{self, Read, Write};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::sync::Arc;
 use std::sync::atomic::{Ordering, fence};
 
+pub(crate) use self::ring::Inlet;
 use self::ring::{Consumer, Producer};
 
 /// What sends to another process.
@@ -122,9 +124,14 @@ impl Inbound {
         self.consumer.set_waiting(false);
     }
 
+    /// What other threads may look at to see whether a datagram waits.
+    pub(crate) fn inlet(&self) -> &Arc<Inlet> {
+        self.consumer.inlet()
+    }
+
     /// Whether a datagram waits.
     pub(crate) fn has_record(&self) -> bool {
-        self.consumer.has_record()
+        self.inlet().has_record()
     }
 }
 

@@ -32,60 +32,14 @@ impl Mapping {
         len: usize,
         write: bool,
     ) -> io::Result<Self> {
-        Self::map(
-            ptr::null_mut(),
-            Some((fd, offset)),
-            len,
-            write,
-            libc::MAP_SHARED,
-        )
-    }
-
-    /// Reserves `len` bytes of addresses without access.
-    pub(super) fn reserve(len: usize) -> io::Result<Self> {
-        let flags = libc::MAP_PRIVATE | libc::MAP_ANONYMOUS | libc::MAP_NORESERVE;
-        Self::map(ptr::null_mut(), None, len, false, flags)
-    }
-
-    /// Replaces the part of this mapping at `at` by `len` bytes of `fd` from `offset` on, readable and perhaps
-    /// writable.
-    pub(super) fn overlay(
-        &self,
-        at: usize,
-        (fd, offset): (BorrowedFd<'_>, usize),
-        len: usize,
-        write: bool,
-    ) -> io::Result<()> {
-        if at.checked_add(len).is_none_or(|end| end > self.len) {
-            return Err(io::ErrorKind::InvalidInput.into());
-        }
-        let place = self.start.as_ptr().wrapping_add(at).cast();
-        let flags = libc::MAP_SHARED | libc::MAP_FIXED;
-        // The range belongs to `self`, which unmaps all of it.
-        let part = Self::map(place, Some((fd, offset)), len, write, flags)?;
-        std::mem::forget(part);
-        Ok(())
-    }
-
-    fn map(
-        place: *mut libc::c_void,
-        file: Option<(BorrowedFd<'_>, usize)>,
-        len: usize,
-        write: bool,
-        flags: libc::c_int,
-    ) -> io::Result<Self> {
-        let protection = match (file.is_some(), write) {
-            (false, _) => libc::PROT_NONE,
-            (true, false) => libc::PROT_READ,
-            (true, true) => libc::PROT_READ | libc::PROT_WRITE,
-        };
-        let (fd, offset) = match file {
-            Some((fd, offset)) => (fd.as_raw_fd(), offset),
-            None => (-1, 0),
+        let protection = match write {
+            false => libc::PROT_READ,
+            true => libc::PROT_READ | libc::PROT_WRITE,
         };
         let offset = libc::off_t::try_from(offset).map_err(|_| io::ErrorKind::InvalidInput)?;
-        // SAFETY: `place` is null, or a range that the caller of `overlay` owns; all else is checked by the kernel.
-        let start = unsafe { libc::mmap(place, len, protection, flags, fd, offset) };
+        let (fd, flags) = (fd.as_raw_fd(), libc::MAP_SHARED);
+        // SAFETY: the kernel chooses a place where nothing is, and checks all else.
+        let start = unsafe { libc::mmap(ptr::null_mut(), len, protection, flags, fd, offset) };
         match NonNull::new(start.cast::<u8>()) {
             Some(start) if start.as_ptr().cast() != libc::MAP_FAILED => Ok(Self { start, len }),
             _ => Err(io::Error::last_os_error()),
@@ -100,7 +54,7 @@ impl Mapping {
 
 impl Drop for Mapping {
     fn drop(&mut self) {
-        // SAFETY: the range was mapped by `map`, and nobody holds a reference into it beyond a borrow of `self`.
+        // SAFETY: the range was mapped by `new`, and nobody holds a reference into it beyond a borrow of `self`.
         unsafe { libc::munmap(self.start.as_ptr().cast(), self.len) };
     }
 }

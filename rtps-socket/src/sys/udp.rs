@@ -1,13 +1,13 @@
-//! What UDP sockets can do beyond the standard library: shared ports, chosen interfaces, reads that never wait.
+//! What UDP sockets can do beyond the standard library: shared ports, chosen interfaces, several datagrams at once.
 
 use std::io::{self, IoSlice};
 use std::mem;
-use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, SocketAddrV4, SocketAddrV6, UdpSocket};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
 
 use nix::sys::socket::{ControlMessage, MsgFlags, SockaddrStorage, sendmsg};
 
-use super::{check, check_len};
+use super::check;
 
 /// A socket on a port of its own. One of IPv6 is for IPv6 only.
 pub(crate) fn bind(address: SocketAddr) -> io::Result<UdpSocket> {
@@ -52,11 +52,6 @@ fn bind_to(socket: &UdpSocket, address: SocketAddr) -> io::Result<()> {
     Ok(bind(socket.as_raw_fd(), &SockaddrStorage::from(address))?)
 }
 
-/// Asks for room for `bytes` of datagrams not yet read; the kernel gives what `net.core.rmem_max` allows.
-pub(crate) fn set_receive_buffer(socket: &UdpSocket, bytes: i32) -> io::Result<()> {
-    set_option(socket, libc::SOL_SOCKET, libc::SO_RCVBUF, &bytes)
-}
-
 /// Joins a group on one interface. To be in it already is no error.
 pub(crate) fn join_group(socket: &UdpSocket, group: IpAddr, interface: u32) -> io::Result<()> {
     let joined = match group {
@@ -74,41 +69,6 @@ pub(crate) fn join_group(socket: &UdpSocket, group: IpAddr, interface: u32) -> i
         Err(error) if error.kind() == io::ErrorKind::AddrInUse => Ok(()),
         result => result,
     }
-}
-
-/// Takes a datagram that is there; an error of kind `WouldBlock` says that there is none.
-pub(crate) fn receive_now(
-    socket: &UdpSocket,
-    buffer: &mut [u8],
-) -> io::Result<(usize, SocketAddr)> {
-    // SAFETY: plain data; all zeros is a valid value.
-    let mut source: libc::sockaddr_in6 = unsafe { mem::zeroed() };
-    let mut source_len = size_of::<libc::sockaddr_in6>() as libc::socklen_t;
-    // SAFETY: buffer and address are writable for their lengths.
-    let len = check_len(unsafe {
-        libc::recvfrom(
-            socket.as_raw_fd(),
-            buffer.as_mut_ptr().cast(),
-            buffer.len(),
-            libc::MSG_DONTWAIT,
-            (&raw mut source).cast(),
-            &raw mut source_len,
-        )
-    })?;
-    Ok((len, socket_address(&source)))
-}
-
-/// What the kernel has written, of either family.
-fn socket_address(raw: &libc::sockaddr_in6) -> SocketAddr {
-    if i32::from(raw.sin6_family) == libc::AF_INET6 {
-        let ip = Ipv6Addr::from(raw.sin6_addr.s6_addr);
-        let port = u16::from_be(raw.sin6_port);
-        return SocketAddrV6::new(ip, port, 0, raw.sin6_scope_id).into();
-    }
-    // SAFETY: an IPv4 address is the smaller one, of the same alignment, and every pattern of bits is a value of it.
-    let raw = unsafe { &*std::ptr::from_ref(raw).cast::<libc::sockaddr_in>() };
-    let ip = Ipv4Addr::from(u32::from_be(raw.sin_addr.s_addr));
-    SocketAddrV4::new(ip, u16::from_be(raw.sin_port)).into()
 }
 
 /// Throws away the datagrams that are there, without copying any. One system call does it for a few; a sender that
@@ -204,24 +164,6 @@ pub(crate) fn send_multicast(
     Ok(())
 }
 
-/// The largest IP packet that an interface of this network namespace takes.
-pub(crate) fn interface_mtu(name: &str) -> io::Result<u32> {
-    let socket = UdpSocket::bind((Ipv4Addr::UNSPECIFIED, 0))?;
-    // SAFETY: plain data; all zeros is a valid value.
-    let mut request: libc::ifreq = unsafe { mem::zeroed() };
-    if name.len() >= request.ifr_name.len() {
-        return Err(io::ErrorKind::InvalidInput.into());
-    }
-    for (to, from) in request.ifr_name.iter_mut().zip(name.as_bytes()) {
-        *to = from.cast_signed();
-    }
-    // SAFETY: the name is NUL-terminated; the kernel fills the MTU in.
-    check(unsafe { libc::ioctl(socket.as_raw_fd(), libc::SIOCGIFMTU, &raw mut request) })?;
-    // SAFETY: the call filled this member.
-    let mtu = unsafe { request.ifr_ifru.ifru_mtu };
-    u32::try_from(mtu).map_err(io::Error::other)
-}
-
 fn set_option<T>(socket: &UdpSocket, level: i32, option: i32, value: &T) -> io::Result<()> {
     let len = size_of::<T>() as libc::socklen_t;
     // SAFETY: `value` is readable for its size; the kernel checks that the size fits the option.
@@ -276,31 +218,18 @@ mod tests {
     }
 
     #[test]
-    fn datagrams_tell_where_they_come_from() {
-        for any in ["127.0.0.1:0", "[::1]:0"] {
-            let Ok(socket) = bind(any.parse().unwrap()) else {
-                println!("skipped: {any} is no address here");
-                continue;
-            };
-            let address = socket.local_addr().unwrap();
-            socket.send_to(b"text", address).unwrap();
-            let mut buffer = [0; 8];
-            assert_eq!(receive_now(&socket, &mut buffer).unwrap(), (4, address));
-        }
-    }
-
-    #[test]
     fn pending_datagrams_are_discarded() {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
         let address = socket.local_addr().unwrap();
         for n in 0..150 {
             socket.send_to(&[n], address).unwrap();
         }
+        socket.set_nonblocking(true).unwrap();
         let mut buffer = [9; 8];
-        assert_eq!(receive_now(&socket, &mut buffer).unwrap(), (1, address));
+        assert_eq!(socket.recv(&mut buffer).unwrap(), 1);
         assert_eq!(buffer[0], 0);
         discard_pending(&socket);
-        let error = receive_now(&socket, &mut buffer).unwrap_err();
+        let error = socket.recv(&mut buffer).unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::WouldBlock);
     }
 }

@@ -5,4 +5,6 @@ mod dcps;
 mod driving;
 mod event_loop;
 mod processes;
+mod streaming;
 mod support;
+mod traffic;

@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 
 use anyhow::Result;
 use rtps_ebpf::abi;
+use rtps_net::Interface;
 use tracing::{debug, info, warn};
 
 use crate::cli::Discovery;
 use crate::ethernet;
-use crate::interfaces::Interface;
 use crate::kernel_maps::KernelMaps;
 use crate::loader::{Loader, WantedMode};
 

@@ -8,6 +8,7 @@ use nix::sys::signalfd::SignalFd;
 use nix::unistd::geteuid;
 use rtps_ebpf::ABI_VERSION;
 use rtps_ebpf::abi::Config;
+use rtps_net::Interface;
 use tracing::info;
 
 use crate::apps::{Access, Apps};
@@ -17,11 +18,11 @@ use crate::domain::{DomainHost, Setting};
 use crate::event_loop::{self, EventLoop};
 use crate::host::{Host, Parts};
 use crate::inboxes::Inboxes;
-use crate::interfaces::{self, Interface};
 use crate::kernel_maps::KernelMaps;
 use crate::loader::Loader;
 use crate::netns;
 use crate::news::News;
+use crate::own_addresses::own_addresses;
 use crate::pins::PinFolder;
 use crate::run_folder::RunFolder;
 use crate::sign_of_life::SignOfLife;
@@ -118,7 +119,10 @@ fn find_interfaces(names: &[String]) -> Result<Vec<Interface>> {
     if unique.len() < names.len() {
         bail!("an interface is given twice");
     }
-    names.iter().map(|name| Interface::find(name)).collect()
+    Ok(names
+        .iter()
+        .map(|name| rtps_net::find(name))
+        .collect::<Result<_, _>>()?)
 }
 
 fn join_domains(
@@ -154,7 +158,7 @@ fn tell_kernel(
     domains: &[DomainHost],
 ) -> Result<()> {
     kernel.count_interfaces(interfaces)?;
-    kernel.set_addresses(&interfaces::own_addresses()?)?;
+    kernel.set_addresses(&own_addresses()?)?;
     let mut ports = BTreeMap::new();
     for domain in domains {
         kernel.set_domain(domain.identity.domain_index, domain.entry())?;

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use aya::programs::SocketFilter;
 use rtps_ebpf::abi::{Domain, PORT_METATRAFFIC, PORT_MULTICAST, PORT_UNICAST, PortConfig};
+use rtps_net::{Interface, locators};
 use rtps_user::layer::protocol::FromLayer;
 use rtps_user::layer::{KernelChange, Layer, LayerConfig, LayerOutput};
 use rtps_user::wire::{Guid, GuidPrefix, VendorId};
@@ -15,7 +16,6 @@ use tracing::{debug, info, warn};
 
 use crate::channel;
 use crate::cli::{Discovery, Options, Peer};
-use crate::interfaces::{self, Interface, locators};
 use crate::kernel_maps::{BuiltinSample, KernelMaps, builtin_reader, monotonic_now};
 use crate::news::Item;
 use crate::pins::PinFolder;
@@ -355,7 +355,7 @@ fn layer_config(
         },
         lease: options.lease,
         announce_period: (options.lease / 4).min(ANNOUNCE_PERIOD),
-        datagram_size: interfaces::datagram_size(setting.interfaces),
+        datagram_size: rtps_net::datagram_size(setting.interfaces),
         count_age: age_of_counts(identity, setting.now),
         channels: true,
         kernel_discovery: options.discovery == Discovery::Kernel,

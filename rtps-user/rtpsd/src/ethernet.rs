@@ -4,9 +4,8 @@ use std::net::{IpAddr, Ipv6Addr};
 
 use nix::ifaddrs::getifaddrs;
 use rtps_ebpf::abi;
+use rtps_net::Interface;
 use rtps_user::ipv6;
-
-use crate::interfaces::{self, Interface};
 
 /// Reads hardware and network addresses; the error is why the kernel cannot answer on the interface.
 pub(crate) fn describe(interface: &Interface) -> Result<abi::Interface, String> {
@@ -42,7 +41,7 @@ fn hardware_address(name: &str) -> Option<[u8; 6]> {
 }
 
 fn link_local(name: &str) -> Option<Ipv6Addr> {
-    let mut lasting = interfaces::ipv6_addresses(name)
+    let mut lasting = rtps_net::ipv6_addresses(name)
         .into_iter()
         .filter(|address| address.is_lasting);
     let found = lasting.find(|address| address.ip.is_unicast_link_local())?;
@@ -55,11 +54,11 @@ fn link_local(name: &str) -> Option<Ipv6Addr> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::interfaces::LOOPBACK_INDEX;
+    use rtps_net::LOOPBACK_INDEX;
 
     #[test]
     fn the_loopback_interface_is_no_ethernet() {
-        let loopback = Interface::find("lo").unwrap();
+        let loopback = rtps_net::find("lo").unwrap();
         assert_eq!(loopback.index, LOOPBACK_INDEX);
         assert_eq!(describe(&loopback), Err("no Ethernet".to_owned()));
     }

@@ -7,12 +7,12 @@ use anyhow::{Context, Result};
 use nix::sys::epoll::EpollTimeout;
 use nix::sys::signal::{SigSet, Signal};
 use nix::sys::signalfd::{SfdFlags, SignalFd};
+use rtps_net::AddressWatch;
 use tracing::{info, warn};
 
 use crate::apps::Apps;
 use crate::attachment::Attachment;
 use crate::host::Host;
-use crate::interfaces::AddressWatch;
 use crate::readiness::{Interest, Readiness, Source};
 use crate::status::{self, Running};
 use crate::status_server::StatusServer;
@@ -45,7 +45,7 @@ impl EventLoop {
         attachment: Attachment,
         signals: SignalFd,
     ) -> Result<Self> {
-        let watch = AddressWatch::new()?;
+        let watch = AddressWatch::new().context("cannot watch the interfaces' addresses")?;
         let readiness = Readiness::new().context("epoll")?;
         readiness.add(&signals, Source::Signal, Interest::Read)?;
         readiness.add(&watch, Source::Addresses, Interest::Read)?;

@@ -9,15 +9,16 @@ use std::time::{Duration, Instant};
 use anyhow::Result;
 use rtps_ebpf::SlotSet;
 use rtps_ebpf::abi::{APP_ATTACHED, App};
+use rtps_net::Interface;
 use rtps_user::layer::protocol::{Hello, LAYER_PROTOCOL_VERSION, ToLayer, Welcome};
 use tracing::{debug, error, info, warn};
 
 use crate::attachment::Attachment;
 use crate::domain::{DomainHost, Effects, Reply};
 use crate::inboxes::{Inboxes, Made, Order};
-use crate::interfaces::{self, Interface};
 use crate::kernel_maps::{KernelMaps, monotonic_now};
 use crate::news::News;
+use crate::own_addresses::own_addresses;
 use crate::random;
 use crate::sign_of_life::SignOfLife;
 
@@ -336,8 +337,7 @@ impl Host {
 
     /// Addresses or interfaces of this network namespace changed.
     pub(crate) fn refresh_interfaces(&mut self, now: Instant, attachment: &mut Attachment) {
-        let refreshed =
-            interfaces::own_addresses().and_then(|addresses| self.kernel.set_addresses(&addresses));
+        let refreshed = own_addresses().and_then(|addresses| self.kernel.set_addresses(&addresses));
         if let Err(error) = refreshed {
             error!("{error:#}");
         }
@@ -363,10 +363,10 @@ impl Host {
         let Some(known) = self.interfaces.get_mut(position) else {
             return Ok(());
         };
-        let found = match Interface::find(&known.name) {
+        let found = match rtps_net::find(&known.name) {
             Ok(found) => found,
             Err(error) => {
-                debug!("{error:#}");
+                debug!("{error}");
                 return Ok(());
             }
         };

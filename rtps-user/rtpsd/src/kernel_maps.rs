@@ -17,9 +17,9 @@ use nix::time::{ClockId, clock_gettime};
 pub(crate) use peers::Peers;
 use rtps_ebpf::abi::{self, App, Config, Domain, PortConfig, name};
 use rtps_ebpf::{ABI_VERSION, Counter, SlotSet};
+use rtps_net::{Interface, LOOPBACK_INDEX};
 use rtps_user::wire::{EntityId, Guid};
 
-use crate::interfaces::{Interface, LOOPBACK_INDEX};
 use crate::pins::PinFolder;
 use crate::sys;
 

@@ -16,10 +16,10 @@ use aya::programs::{Program, SocketFilter, Xdp, XdpMode};
 use aya::{Ebpf, EbpfLoader};
 use rtps_ebpf::OBJECT;
 use rtps_ebpf::abi::name;
+use rtps_net::Interface;
 use serde::{Deserialize, Serialize};
 use tracing::{debug, info, warn};
 
-use crate::interfaces::Interface;
 use crate::pins::{Hook, PinFolder};
 use crate::run_folder::remove_if_there;
 

@@ -12,12 +12,12 @@ use std::os::fd::{AsFd, AsRawFd};
 use anyhow::{Context, Result, bail};
 use aya::programs::SocketFilter;
 use nix::sys::socket::{ControlMessage, MsgFlags, SockaddrIn, SockaddrIn6, sendmsg};
+use rtps_net::{Interface, LOOPBACK_INDEX, addresses_towards};
 use rtps_user::discovery::for_interface;
 use rtps_user::ipv6;
 use socket2::{Domain, InterfaceIndexOrAddress, Protocol, SockRef, Socket, Type};
 use tracing::{debug, info, warn};
 
-use crate::interfaces::{Interface, LOOPBACK_INDEX, addresses_towards};
 use crate::sys;
 
 /// The IPv4 group of SPDP and, by default, of user multicast (RTPS 2.5, 9.6.2.4).

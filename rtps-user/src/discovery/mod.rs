@@ -198,8 +198,9 @@ impl Discovery {
         self.events.pop_front()
     }
 
-    /// The next datagram, which is put into `out`.
+    /// The next datagram, which is put into `out`, replacing what is there.
     pub fn poll_transmit(&mut self, now: Instant, out: &mut Vec<u8>) -> Option<Transmit> {
+        out.clear();
         let (database, config) = (&self.database, &self.config);
         let announcement = self
             .announcer

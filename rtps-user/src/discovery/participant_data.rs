@@ -10,7 +10,7 @@ use super::parameters::{
     PARTICIPANT_GUID, PARTICIPANT_LEASE_DURATION, PROTOCOL_VERSION_ID, VENDOR_ID, read_bool,
     read_locator, write_locators, write_string_parameter, write_version,
 };
-use crate::qos::parameters::{USER_DATA, read_octets};
+use crate::qos::parameters::{USER_DATA, read_octets, write_octets};
 use crate::wire::{
     Cursor, Duration, EntityId, Guid, GuidPrefix, Parameter, ParameterId, ParameterList,
     ParameterWriter, VendorId, WireError,
@@ -193,6 +193,7 @@ impl ParticipantData {
         if !self.name.is_empty() {
             write_string_parameter(&mut list, ENTITY_NAME, &self.name);
         }
+        write_octets(&mut list, USER_DATA, &self.user_data);
         list.finish();
     }
 }
@@ -245,6 +246,7 @@ mod tests {
             endpoints in any::<u32>(),
             seconds in any::<i32>(),
             fraction in any::<u32>(),
+            user_data in vec(any::<u8>(), 0..9),
         ) -> ParticipantData {
             ParticipantData {
                 domain,
@@ -254,6 +256,7 @@ mod tests {
                 default_unicast,
                 endpoints: BuiltinEndpointSet(endpoints),
                 lease: Duration { seconds, fraction },
+                user_data,
                 ..ParticipantData::new(GuidPrefix(prefix))
             }
         }

@@ -182,8 +182,8 @@ impl Announcer {
                     all
                 }
             };
-            self.write(&announcement, out);
             if !destinations.is_empty() {
+                self.write(&announcement, out);
                 let destinations = destinations.into();
                 return Some((Transmit { destinations }, answered));
             }

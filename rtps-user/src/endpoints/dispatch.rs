@@ -7,6 +7,7 @@ use std::net::{IpAddr, SocketAddr};
 use std::time::Instant;
 
 use super::Endpoints;
+use super::matched::Local;
 use crate::reader::Reader;
 use crate::wire::{EntityId, Guid, MessageReceiver, Received, Submessage, WireError};
 use crate::writer::Writer;
@@ -23,10 +24,14 @@ impl Endpoints {
         datagram: &[u8],
     ) -> Result<(), WireError> {
         for received in MessageReceiver::new(self.prefix, datagram)? {
-            let received = received.inspect_err(
-                |error| tracing::debug!(%source, %error, "rest of a message dropped"),
-            )?;
-            self.dispatch(now, source.ip(), &received);
+            // By reference, because a submessage is large.
+            match &received {
+                Ok(received) => self.dispatch(now, source.ip(), received),
+                Err(error) => {
+                    tracing::debug!(%source, %error, "rest of a message dropped");
+                    return Err(*error);
+                }
+            }
         }
         Ok(())
     }
@@ -119,7 +124,7 @@ impl Endpoints {
         id: EntityId,
         act: impl FnOnce(&mut Writer),
     ) {
-        let Some(matched) = self.matched.get_mut(&reader) else {
+        let Some(matched) = self.matched.get_mut(reader) else {
             return;
         };
         if !matched.accepts(source) {
@@ -131,6 +136,7 @@ impl Endpoints {
         }
     }
 
+    #[inline]
     fn with_readers(
         &mut self,
         source: IpAddr,
@@ -138,25 +144,27 @@ impl Endpoints {
         id: EntityId,
         mut act: impl FnMut(&mut Reader),
     ) {
-        let Some(matched) = self.matched.get_mut(&writer) else {
+        let Some(matched) = self.matched.get_mut(writer) else {
             return;
         };
         if !matched.accepts(source) {
             self.foreign += 1;
             return;
         }
+        let named;
         let concerned = if id == EntityId::UNKNOWN {
             matched.locals()
         } else {
-            std::slice::from_ref(&id)
+            named = self.endpoints.find(id).map(|place| Local { id, place });
+            named.as_slice()
         };
-        for id in concerned {
-            let Some(scheduled) = self.endpoints.get_mut(id) else {
+        for &Local { place, .. } in concerned {
+            let Some(scheduled) = self.endpoints.at_mut(place) else {
                 continue;
             };
             if let Some(reader) = scheduled.endpoint.as_reader_mut() {
                 act(reader);
-                self.schedule.touch(*id, &mut scheduled.mark);
+                self.schedule.touch(place, &mut scheduled.mark);
             }
         }
     }

@@ -8,9 +8,10 @@ use crate::reader::Reader;
 use crate::wire::EntityId;
 use crate::writer::Writer;
 
-/// An endpoint and its place in the schedule.
+/// An endpoint, its name, and what the schedule has of it.
 #[derive(Debug)]
 pub(super) struct Scheduled {
+    pub(super) id: EntityId,
     pub(super) endpoint: Endpoint,
     pub(super) mark: Mark,
 }

@@ -15,15 +15,15 @@ mod tests;
 
 pub use event::EndpointEvent;
 
-use std::collections::hash_map::Entry;
-use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::collections::VecDeque;
 use std::time::Instant;
 
 use endpoint::{Endpoint, Scheduled};
-use matched::Match;
+use matched::{Local, Match};
 use schedule::{Mark, Schedule};
 
 use crate::reader::{Reader, ReaderConfig};
+use crate::table::Table;
 use crate::wire::{EntityId, Guid, GuidPrefix};
 use crate::writer::{Writer, WriterConfig};
 use crate::{RemoteEndpoint, Transmit};
@@ -32,9 +32,9 @@ use crate::{RemoteEndpoint, Transmit};
 #[derive(Debug)]
 pub struct Endpoints {
     prefix: GuidPrefix,
-    endpoints: BTreeMap<EntityId, Scheduled>,
+    endpoints: Table<EntityId, Scheduled>,
     /// Each matched remote endpoint.
-    matched: HashMap<Guid, Match>,
+    matched: Table<Guid, Match>,
     foreign: u64,
     schedule: Schedule,
     events: VecDeque<EndpointEvent>,
@@ -45,8 +45,8 @@ impl Endpoints {
     pub fn new(prefix: GuidPrefix) -> Self {
         Self {
             prefix,
-            endpoints: BTreeMap::new(),
-            matched: HashMap::new(),
+            endpoints: Table::default(),
+            matched: Table::default(),
             foreign: 0,
             schedule: Schedule::default(),
             events: VecDeque::new(),
@@ -77,10 +77,13 @@ impl Endpoints {
 
     /// Removes a writer or reader.
     pub fn remove(&mut self, id: EntityId) {
-        let Some(mut scheduled) = self.endpoints.remove(&id) else {
+        let Some(place) = self.endpoints.find(id) else {
             return;
         };
-        self.schedule.forget(id, &mut scheduled.mark);
+        let Some(mut scheduled) = self.endpoints.remove(id) else {
+            return;
+        };
+        self.schedule.forget(place, &mut scheduled.mark);
         let remotes: Vec<Guid> = match &scheduled.endpoint {
             Endpoint::Writer(writer) => writer.matched_readers().collect(),
             Endpoint::Reader(reader) => reader.matched_writers().collect(),
@@ -92,7 +95,7 @@ impl Endpoints {
 
     /// A writer.
     pub fn writer(&self, id: EntityId) -> Option<&Writer> {
-        self.endpoints.get(&id)?.endpoint.as_writer()
+        self.endpoints.get(id)?.endpoint.as_writer()
     }
 
     /// A writer, which is polled after that.
@@ -102,7 +105,7 @@ impl Endpoints {
 
     /// A reader.
     pub fn reader(&self, id: EntityId) -> Option<&Reader> {
-        self.endpoints.get(&id)?.endpoint.as_reader()
+        self.endpoints.get(id)?.endpoint.as_reader()
     }
 
     /// A reader, which is polled after that.
@@ -117,8 +120,15 @@ impl Endpoints {
             Some(Endpoint::Reader(reader)) => reader.match_writer(now, remote),
             None => return,
         }
-        let matched = self.matched.entry(remote.guid).or_default();
-        matched.insert(local, &remote.addresses);
+        let Some(place) = self.endpoints.find(local) else {
+            return;
+        };
+        if self.matched.find(remote.guid).is_none() {
+            self.matched.insert(remote.guid, Match::default());
+        }
+        if let Some(matched) = self.matched.get_mut(remote.guid) {
+            matched.insert(Local { id: local, place }, &remote.addresses);
+        }
     }
 
     /// Ends a match.
@@ -133,24 +143,26 @@ impl Endpoints {
 
     /// A participant asserted the liveliness of its MANUAL_BY_PARTICIPANT or AUTOMATIC writers (RTPS 8.4.13).
     pub fn handle_liveliness(&mut self, now: Instant, participant: GuidPrefix, manual: bool) {
-        for (id, scheduled) in &mut self.endpoints {
+        for (place, scheduled) in self.endpoints.iter_mut() {
             if let Some(reader) = scheduled.endpoint.as_reader_mut() {
                 reader.handle_liveliness(now, participant, manual);
-                self.schedule.touch(*id, &mut scheduled.mark);
+                self.schedule.touch(place, &mut scheduled.mark);
             }
         }
     }
 
     /// Does what is due.
     pub fn handle_timeout(&mut self, now: Instant) {
-        for id in self.schedule.dirty().collect::<Vec<_>>() {
-            self.rearm(id);
+        for index in 0..self.schedule.dirty_len() {
+            if let Some(place) = self.schedule.dirty_at(index) {
+                self.rearm(place);
+            }
         }
-        while let Some(id) = self.schedule.pop_due(now) {
-            if let Some(scheduled) = self.endpoints.get_mut(&id) {
+        while let Some(place) = self.schedule.pop_due(now) {
+            if let Some(scheduled) = self.endpoints.at_mut(place) {
                 Schedule::popped(&mut scheduled.mark);
                 scheduled.endpoint.handle_timeout(now);
-                self.schedule.touch(id, &mut scheduled.mark);
+                self.schedule.touch(place, &mut scheduled.mark);
             }
         }
     }
@@ -159,24 +171,25 @@ impl Endpoints {
     pub fn poll_timeout(&self) -> Option<Instant> {
         let dirty = self.schedule.dirty();
         dirty
-            .filter_map(|id| self.endpoints.get(&id)?.endpoint.poll_timeout())
+            .filter_map(|place| self.endpoints[place].endpoint.poll_timeout())
             .chain(self.schedule.deadline())
             .min()
     }
 
-    /// Writes the next datagram to be sent into `out`, which it empties first.
+    /// Appends the next datagram to be sent to `out`; `None`, and `out` as before, where there is none.
     pub fn poll_transmit(&mut self, now: Instant, out: &mut Vec<u8>) -> Option<Transmit> {
-        while let Some(id) = self.schedule.front() {
-            let scheduled = self.endpoints.get_mut(&id);
-            let transmit = scheduled.and_then(|s| s.endpoint.poll_transmit(now, out));
+        let start = out.len();
+        while let Some(place) = self.schedule.front() {
+            let endpoint = &mut self.endpoints[place].endpoint;
+            let transmit = endpoint.poll_transmit(now, out);
             if transmit.is_some() {
                 self.schedule.rotate();
                 return transmit;
             }
-            self.collect_events(id);
-            self.rearm(id);
-            let mark = self.endpoints.get_mut(&id).map(|s| &mut s.mark);
-            self.schedule.settle_front(mark);
+            out.truncate(start);
+            self.collect_events(place);
+            self.rearm(place);
+            self.schedule.settle_front(&mut self.endpoints[place].mark);
         }
         None
     }
@@ -185,8 +198,8 @@ impl Endpoints {
     pub fn poll_event(&mut self) -> Option<EndpointEvent> {
         if self.events.is_empty() {
             for index in 0..self.schedule.dirty_len() {
-                if let Some(id) = self.schedule.dirty_at(index) {
-                    self.collect_events(id);
+                if let Some(place) = self.schedule.dirty_at(index) {
+                    self.collect_events(place);
                 }
             }
         }
@@ -196,35 +209,35 @@ impl Endpoints {
     fn add(&mut self, id: EntityId, endpoint: Endpoint) {
         self.remove(id);
         let mark = Mark::default();
-        self.endpoints.insert(id, Scheduled { endpoint, mark });
+        let scheduled = Scheduled { id, endpoint, mark };
+        self.endpoints.insert(id, scheduled);
     }
 
     fn touched(&mut self, id: EntityId) -> Option<&mut Endpoint> {
-        let scheduled = self.endpoints.get_mut(&id)?;
-        self.schedule.touch(id, &mut scheduled.mark);
+        let place = self.endpoints.find(id)?;
+        let scheduled = self.endpoints.at_mut(place)?;
+        self.schedule.touch(place, &mut scheduled.mark);
         Some(&mut scheduled.endpoint)
     }
 
-    fn collect_events(&mut self, id: EntityId) {
-        if let Some(scheduled) = self.endpoints.get_mut(&id) {
-            while let Some(event) = scheduled.endpoint.poll_event(id) {
-                self.events.push_back(event);
-            }
+    fn collect_events(&mut self, place: u32) {
+        let Scheduled { id, endpoint, .. } = &mut self.endpoints[place];
+        while let Some(event) = endpoint.poll_event(*id) {
+            self.events.push_back(event);
         }
     }
 
-    fn rearm(&mut self, id: EntityId) {
-        if let Some(scheduled) = self.endpoints.get_mut(&id) {
-            let deadline = scheduled.endpoint.poll_timeout();
-            self.schedule.arm(id, &mut scheduled.mark, deadline);
-        }
+    fn rearm(&mut self, place: u32) {
+        let scheduled = &mut self.endpoints[place];
+        let deadline = scheduled.endpoint.poll_timeout();
+        self.schedule.arm(place, &mut scheduled.mark, deadline);
     }
 
     fn forget_match(&mut self, remote: Guid, local: EntityId) {
-        if let Entry::Occupied(mut matched) = self.matched.entry(remote)
-            && matched.get_mut().remove(local)
+        if let Some(matched) = self.matched.get_mut(remote)
+            && matched.remove(local)
         {
-            matched.remove();
+            self.matched.remove(remote);
         }
     }
 }

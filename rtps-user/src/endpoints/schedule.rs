@@ -3,14 +3,12 @@
 use std::collections::{BTreeSet, VecDeque};
 use std::time::Instant;
 
-use crate::wire::EntityId;
-
 /// A queue of endpoints that may have something to send, and one ordered set of their deadlines, so that nothing
-/// ever looks at all endpoints. Each endpoint keeps its own [`Mark`].
+/// ever looks at all endpoints. They are told apart by their places. Each endpoint keeps its own [`Mark`].
 #[derive(Debug, Default)]
 pub(super) struct Schedule {
-    dirty: VecDeque<EntityId>,
-    timers: BTreeSet<(Instant, EntityId)>,
+    dirty: VecDeque<u32>,
+    timers: BTreeSet<(Instant, u32)>,
 }
 
 /// What the schedule has of one endpoint.
@@ -22,31 +20,29 @@ pub(super) struct Mark {
 
 impl Schedule {
     /// The endpoint was given something: it is to be polled.
-    pub(super) fn touch(&mut self, id: EntityId, mark: &mut Mark) {
+    pub(super) fn touch(&mut self, place: u32, mark: &mut Mark) {
         if !mark.is_dirty {
             mark.is_dirty = true;
-            self.dirty.push_back(id);
+            self.dirty.push_back(place);
         }
     }
 
     /// The endpoint to be polled next.
-    pub(super) fn front(&self) -> Option<EntityId> {
+    pub(super) fn front(&self) -> Option<u32> {
         self.dirty.front().copied()
     }
 
     /// Lets the others have their turn.
     pub(super) fn rotate(&mut self) {
-        if let Some(id) = self.dirty.pop_front() {
-            self.dirty.push_back(id);
+        if let Some(place) = self.dirty.pop_front() {
+            self.dirty.push_back(place);
         }
     }
 
     /// The endpoint at the front has nothing more to send.
-    pub(super) fn settle_front(&mut self, mark: Option<&mut Mark>) {
+    pub(super) fn settle_front(&mut self, mark: &mut Mark) {
         self.dirty.pop_front();
-        if let Some(mark) = mark {
-            mark.is_dirty = false;
-        }
+        mark.is_dirty = false;
     }
 
     /// How many endpoints are to be polled.
@@ -55,25 +51,25 @@ impl Schedule {
     }
 
     /// One of the endpoints to be polled.
-    pub(super) fn dirty_at(&self, index: usize) -> Option<EntityId> {
+    pub(super) fn dirty_at(&self, index: usize) -> Option<u32> {
         self.dirty.get(index).copied()
     }
 
     /// All endpoints to be polled.
-    pub(super) fn dirty(&self) -> impl Iterator<Item = EntityId> + '_ {
+    pub(super) fn dirty(&self) -> impl Iterator<Item = u32> + '_ {
         self.dirty.iter().copied()
     }
 
     /// Sets or clears the endpoint's timer.
-    pub(super) fn arm(&mut self, id: EntityId, mark: &mut Mark, deadline: Option<Instant>) {
+    pub(super) fn arm(&mut self, place: u32, mark: &mut Mark, deadline: Option<Instant>) {
         if mark.armed == deadline {
             return;
         }
         if let Some(old) = mark.armed.take() {
-            self.timers.remove(&(old, id));
+            self.timers.remove(&(old, place));
         }
         if let Some(new) = deadline {
-            self.timers.insert((new, id));
+            self.timers.insert((new, place));
             mark.armed = Some(new);
         }
     }
@@ -84,9 +80,9 @@ impl Schedule {
     }
 
     /// Takes the next timer that is due; the endpoint has none then.
-    pub(super) fn pop_due(&mut self, now: Instant) -> Option<EntityId> {
+    pub(super) fn pop_due(&mut self, now: Instant) -> Option<u32> {
         self.timers.first().filter(|(due, _)| *due <= now)?;
-        self.timers.pop_first().map(|(_, id)| id)
+        self.timers.pop_first().map(|(_, place)| place)
     }
 
     /// Says in the mark that the timer was taken by [`pop_due`](Self::pop_due).
@@ -95,8 +91,8 @@ impl Schedule {
     }
 
     /// Forgets an endpoint.
-    pub(super) fn forget(&mut self, id: EntityId, mark: &mut Mark) {
-        self.arm(id, mark, None);
-        self.dirty.retain(|dirty| *dirty != id);
+    pub(super) fn forget(&mut self, place: u32, mark: &mut Mark) {
+        self.arm(place, mark, None);
+        self.dirty.retain(|dirty| *dirty != place);
     }
 }

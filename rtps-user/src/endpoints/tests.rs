@@ -93,7 +93,7 @@ impl Apps {
         let mut out = Vec::new();
         let mut datagrams = Vec::new();
         while self.writing.poll_transmit(self.now, &mut out).is_some() {
-            datagrams.push(out.clone());
+            datagrams.push(std::mem::take(&mut out));
         }
         datagrams
     }
@@ -112,6 +112,7 @@ impl Apps {
                 self.writing
                     .handle_datagram(self.now, ADDRESS, &out)
                     .unwrap();
+                out.clear();
             }
         }
     }

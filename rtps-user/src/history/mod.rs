@@ -5,6 +5,9 @@
 
 mod cache;
 mod change;
+mod changes;
+mod instances;
 
-pub use cache::{Entry, HistoryCache, Instance};
+pub use cache::{Entry, HistoryCache};
 pub use change::{CacheChange, ChangeKind, NewChange};
+pub use instances::Instance;

@@ -15,6 +15,8 @@ pub struct LayerConfig {
     pub domain: u32,
     /// The participant's name, for people who look at the domain (PID_ENTITY_NAME).
     pub name: String,
+    /// What apps want others to see in the participant's announcement (USER_DATA).
+    pub user_data: Vec<u8>,
     /// Where the layer receives discovery traffic: announced as metatraffic unicast locators.
     pub metatraffic: Vec<SocketAddr>,
     /// Where the host's apps receive samples: announced as default unicast locators.
@@ -77,6 +79,7 @@ impl LayerConfig {
             prefix,
             domain,
             name: String::new(),
+            user_data: Vec::new(),
             metatraffic: Vec::new(),
             user: Vec::new(),
             loopback,
@@ -101,6 +104,7 @@ impl LayerConfig {
             participant: ParticipantData {
                 domain: Some(self.domain),
                 name: self.name.clone(),
+                user_data: self.user_data.clone(),
                 metatraffic_unicast: self.metatraffic.clone(),
                 metatraffic_multicast: self.multicast.clone(),
                 default_unicast: self.user.clone(),

@@ -17,6 +17,7 @@ mod apps;
 mod channels;
 mod config;
 mod declare;
+mod describe;
 mod events;
 mod outputs;
 mod peers;
@@ -34,6 +35,7 @@ use std::time::Instant;
 use apps::{App, Apps};
 use channels::Channels;
 pub use config::{LayerConfig, Limits};
+use describe::Descriptions;
 pub use outputs::{KernelChange, LayerOutput};
 use peers::Peers;
 use protocol::{FromLayer, Hello, LAYER_PROTOCOL_VERSION, ToLayer, Welcome};
@@ -52,6 +54,7 @@ pub struct Layer {
     discovery: Discovery,
     matchmaker: Matchmaker,
     apps: Apps,
+    descriptions: Descriptions,
     /// What the low-level layer has been told.
     routes: BTreeMap<Guid, SlotSet>,
     peers: Peers,
@@ -68,6 +71,7 @@ impl Layer {
             discovery: Discovery::new(config.discovery(), now),
             matchmaker: Matchmaker::new(config.prefix),
             apps: Apps::default(),
+            descriptions: Descriptions::default(),
             routes: BTreeMap::new(),
             peers: Peers::default(),
             channels: Channels::default(),
@@ -152,6 +156,7 @@ impl Layer {
             }
             // On the wire all apps of the host are one participant, so that this asserts for the others as well.
             ToLayer::AssertLiveliness => self.discovery.assert_liveliness(now, true),
+            ToLayer::Describe(user_data) => self.describe(now, slot, user_data),
         }
         self.settle();
     }
@@ -166,6 +171,7 @@ impl Layer {
         }
         self.close_channels(slot);
         self.forget(StoreKey::app(slot));
+        self.describe(now, slot, Vec::new());
         self.refresh_automatic_lease(now);
         self.settle();
     }
@@ -240,10 +246,15 @@ impl Layer {
         }
         self.config.metatraffic = metatraffic;
         self.config.user = user;
+        self.announce_participant(now);
+        self.settle();
+    }
+
+    /// Tells what has changed in the configuration.
+    fn announce_participant(&mut self, now: Instant) {
         let participant = self.config.discovery().participant;
         self.discovery.set_participant(now, participant);
         self.store_announcement();
-        self.settle();
     }
 
     /// When [`handle_timeout`](Self::handle_timeout) is to be called at the latest.
@@ -270,6 +281,7 @@ impl Layer {
         if let Some(change) = self.poll_publication() {
             return Some(LayerOutput::Kernel(change));
         }
+        out.clear();
         self.discovery
             .poll_transmit(now, out)
             .map(LayerOutput::Transmit)

@@ -16,6 +16,9 @@ pub const LAYER_PROTOCOL_VERSION: u32 = 3;
 /// The longest encoded value, in bytes; longer ones are refused before they are read.
 pub const MAX_PROTOCOL_MESSAGE: usize = 128 * 1024;
 
+/// The most bytes of USER_DATA of a participant, so that its announcement fits in one datagram.
+pub const MAX_USER_DATA: usize = 256;
+
 /// What an app says.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub enum ToLayer {
@@ -27,6 +30,9 @@ pub enum ToLayer {
     Withdraw(EntityId),
     /// The app asserts the liveliness of its MANUAL_BY_PARTICIPANT writers.
     AssertLiveliness,
+    /// USER_DATA of the participant, at most [`MAX_USER_DATA`] bytes. On the wire all apps of the host are one
+    /// participant: the app that has said so last speaks for all, as long as it is there.
+    Describe(Vec<u8>),
 }
 
 /// What the layer says.

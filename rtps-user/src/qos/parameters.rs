@@ -373,7 +373,7 @@ pub(crate) fn read_octets(value: &mut Cursor<'_>) -> Result<Vec<u8>, WireError> 
     value.take(count).map(<[u8]>::to_vec)
 }
 
-fn write_octets(list: &mut ParameterWriter<'_>, id: ParameterId, octets: &[u8]) {
+pub(crate) fn write_octets(list: &mut ParameterWriter<'_>, id: ParameterId, octets: &[u8]) {
     if !octets.is_empty() {
         list.parameter(id, |out| {
             out.extend_from_slice(&(octets.len() as u32).to_le_bytes());

@@ -23,7 +23,8 @@ impl Cache {
         selection: &Selection,
         access: Access,
     ) -> Vec<Sample> {
-        let chosen: Vec<u32> = self.select(selection).take(max).collect();
+        let mut chosen = std::mem::take(&mut self.chosen);
+        chosen.extend(self.select(selection).take(max));
         let mut samples: Vec<Sample> = chosen
             .iter()
             .map(|place| self.sample(*place, access))
@@ -31,10 +32,20 @@ impl Cache {
         for (place, sample) in chosen.iter().zip(&mut samples).rev() {
             self.rank(*place, &mut sample.info);
         }
-        for place in chosen {
+        for place in chosen.drain(..) {
             self.accessed(place, access);
         }
+        self.chosen = chosen;
         samples
+    }
+
+    /// Takes the first sample that `selection` selects.
+    pub(super) fn take_next(&mut self, selection: &Selection) -> Option<Sample> {
+        let place = self.select(selection).next()?;
+        let mut sample = self.sample(place, Access::Take);
+        self.rank(place, &mut sample.info);
+        self.accessed(place, Access::Take);
+        Some(sample)
     }
 
     /// Whether there is a sample that `selection` selects.

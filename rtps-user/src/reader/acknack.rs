@@ -2,11 +2,14 @@
 //! 8.4.12.2).
 //!
 //! A number that has been asked for is not asked for again while its repair may be on the way; a number of which
-//! fragments have come is asked for by fragments.
+//! fragments have come is asked for by fragments. Repairs come in order: when the last of those that were asked for
+//! together has come, what is still missing of them is lost again. That is also the time to ask for more, where not
+//! everything was asked for at once.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
+use super::reassembly::Limit;
 use super::writer_proxy::WriterProxy;
 use super::{ReaderConfig, ReaderTiming};
 use crate::count::Count;
@@ -18,6 +21,8 @@ const MAX_REQUESTS: usize = 16;
 const ACKNACK_MESSAGE_LEN: usize = 20 + 16 + 60;
 /// Bytes of a NACK_FRAG with a full bitmap and its header.
 const NACK_FRAG_LEN: usize = 68;
+/// What can be asked for at once whatever the configuration says: the largest fragment.
+const LEAST_REQUESTED_BYTES: usize = 1 << 16;
 
 /// What has been answered to one writer.
 #[derive(Debug, Default)]
@@ -63,6 +68,23 @@ impl Responder {
         let covers = |request: &&Request| request.first <= number && number <= request.last;
         let latest = self.requests.iter().rev().find(covers)?;
         latest.at.checked_add(timing.nack_suppression)
+    }
+
+    /// Whether `number` is the last of those that were asked for together; they are on the way no more then.
+    pub(super) fn completes(&mut self, number: SequenceNumber) -> bool {
+        if self.requests.is_empty() {
+            return false;
+        }
+        let before = self.requests.len();
+        self.requests.retain(|request| request.last != number);
+        self.requests.len() < before
+    }
+
+    /// As [`completes`](Self::completes), for all numbers below `next`.
+    pub(super) fn completes_below(&mut self, next: SequenceNumber) -> bool {
+        let before = self.requests.len();
+        self.requests.retain(|request| request.last >= next);
+        self.requests.len() < before
     }
 
     fn remember(&mut self, now: Instant, timing: &ReaderTiming, asked: &SequenceNumberSet) {
@@ -114,15 +136,21 @@ impl WriterProxy {
         out: &mut Vec<u8>,
     ) -> (bool, Option<Instant>) {
         let timing = &config.timing;
-        let (missing, mut again) = self.missing_now(now, timing);
+        let sets = config.datagram_size.saturating_sub(ACKNACK_MESSAGE_LEN) / NACK_FRAG_LEN;
+        let bytes = timing.max_requested_bytes.max(LEAST_REQUESTED_BYTES);
+        let mut limit = Limit {
+            sets: sets.max(1),
+            bytes,
+        };
+        let announced = self.announced();
+        let (fragments, later) = self.reassembly.requests(now, announced, timing, &mut limit);
+        // However large it is, one has to come some day.
+        let least = usize::from(limit.bytes == bytes);
+        let most = self.changes_in(limit.bytes).max(least);
+        let (missing, again) = self.missing_now(now, timing, most);
+        let again = [again, later].into_iter().flatten().min();
         self.responder.remember(now, timing, &missing);
         let asks = self.filter.ask();
-        let room = config.datagram_size.saturating_sub(ACKNACK_MESSAGE_LEN) / NACK_FRAG_LEN;
-        let announced = self.announced();
-        let (fragments, later) = self
-            .reassembly
-            .requests(now, announced, timing, room.max(1));
-        again = [again, later].into_iter().flatten().min();
         // An answer that says nothing new can wait for what is to be asked for soon.
         let says_nothing = missing.is_empty()
             && fragments.is_empty()
@@ -156,18 +184,19 @@ impl WriterProxy {
         (sent, again)
     }
 
-    /// The numbers to ask for now, and when others may be asked for again.
+    /// The numbers to ask for now, of the first `most` that are missing, and when others may be asked for again.
     fn missing_now(
         &self,
         now: Instant,
         timing: &ReaderTiming,
+        most: usize,
     ) -> (SequenceNumberSet, Option<Instant>) {
         let mut set = SequenceNumberSet::empty(self.base());
         let mut again = None;
-        for number in self.missing() {
-            if self.reassembly.contains(number) {
-                continue;
-            }
+        let whole = self
+            .missing()
+            .filter(|number| !self.reassembly.contains(*number));
+        for number in whole.take(most) {
             match self.responder.suppressed(number, timing) {
                 Some(until) if until > now => {
                     again = [again, Some(until)].into_iter().flatten().min();

@@ -4,7 +4,7 @@
 //! HISTORY and the limits count samples with data. News without data (disposed, no writers) never push data out
 //! and are never refused; at most one of them stands between two samples of an instance.
 
-use std::collections::{HashMap, VecDeque};
+use std::collections::VecDeque;
 use std::time::Instant;
 
 use super::change::Change;
@@ -12,9 +12,9 @@ use super::deadline::Deadlines;
 use super::entries::{Entries, Entry, List};
 use super::events::Events;
 use super::instance::Instance;
-use super::slab::Slab;
 use super::{InstanceState, ReaderEvent, RejectedReason};
 use crate::qos::{History, Qos};
+use crate::table::Table;
 use crate::wire::{Guid, KeyHash};
 
 /// Instances that a reader without max_instances keeps.
@@ -35,15 +35,14 @@ pub(super) enum Place {
 pub(super) struct Cache {
     limits: Limits,
     pub(super) entries: Entries,
-    pub(super) instances: Slab<Instance>,
-    by_key: HashMap<KeyHash, u32>,
-    /// The instance that was used last: samples of an instance often come in a row.
-    recent: Option<(KeyHash, u32)>,
+    pub(super) instances: Table<KeyHash, Instance>,
     /// Instances that may be forgotten when there is no room for others, oldest first.
     idle: VecDeque<KeyHash>,
     deadlines: Deadlines,
     valid_count: usize,
     pub(super) unread_count: usize,
+    /// Room for the places of the samples that are being handed out; empty in between.
+    pub(super) chosen: Vec<u32>,
 }
 
 /// HISTORY and RESOURCE_LIMITS as numbers.
@@ -78,13 +77,12 @@ impl Cache {
         Self {
             limits: Limits::new(qos),
             entries: Entries::default(),
-            instances: Slab::default(),
-            by_key: HashMap::new(),
-            recent: None,
+            instances: Table::default(),
             idle: VecDeque::new(),
             deadlines,
             valid_count: 0,
             unread_count: 0,
+            chosen: Vec::new(),
         }
     }
 
@@ -96,7 +94,7 @@ impl Cache {
 
     /// Looks for room for a change.
     pub(super) fn admit(&mut self, change: &Change) -> Result<Place, RejectedReason> {
-        let Some(instance) = self.find(change.instance) else {
+        let Some(instance) = self.instances.find(change.instance) else {
             return self.admit_instance(change);
         };
         if !change.valid_data {
@@ -139,7 +137,10 @@ impl Cache {
     pub(super) fn store(&mut self, place: Place, change: Change, events: &mut Events) {
         let instance = match place {
             Place::Instance(instance) => instance,
-            Place::NewInstance => self.create(change.instance, change.reception),
+            Place::NewInstance => self.instances.insert(
+                change.instance,
+                Instance::new(change.instance, change.reception),
+            ),
             Place::Nowhere => return,
         };
         let (status, writer) = (change.status, change.writer);
@@ -191,7 +192,7 @@ impl Cache {
     /// Reports instances whose deadline has passed without data.
     pub(super) fn check_deadlines(&mut self, now: Instant, events: &mut Events) {
         while let Some(key) = self.deadlines.pop(now) {
-            let Some(place) = self.find(key) else {
+            let Some(place) = self.instances.find(key) else {
                 continue;
             };
             let instance = &mut self.instances[place];
@@ -213,22 +214,11 @@ impl Cache {
         self.deadlines.next()
     }
 
-    pub(super) fn find(&mut self, key: KeyHash) -> Option<u32> {
-        if let Some((recent, place)) = self.recent
-            && recent == key
-        {
-            return Some(place);
-        }
-        let place = *self.by_key.get(&key)?;
-        self.recent = Some((key, place));
-        Some(place)
-    }
-
     /// The samples of an instance, oldest first.
     pub(super) fn samples_of(&self, key: KeyHash) -> List {
-        self.by_key
-            .get(&key)
-            .map_or_else(List::default, |place| self.instances[*place].samples)
+        self.instances
+            .get(key)
+            .map_or_else(List::default, |instance| instance.samples)
     }
 
     /// Removes a sample.
@@ -247,41 +237,27 @@ impl Cache {
 
     /// Forgets an instance that is over, and lists one that is idle.
     pub(super) fn review(&mut self, place: u32) {
-        let Some(instance) = self.instances.get_mut(place) else {
+        let Some(instance) = self.instances.at_mut(place) else {
             return;
         };
         if instance.is_over() {
             let key = instance.key;
-            self.forget(key);
+            self.instances.remove(key);
         } else if instance.is_idle() && !instance.listed_idle {
             instance.listed_idle = true;
             self.idle.push_back(instance.key);
         }
     }
 
-    fn create(&mut self, key: KeyHash, now: Instant) -> u32 {
-        let place = self.instances.insert(Instance::new(key, now));
-        self.by_key.insert(key, place);
-        self.recent = Some((key, place));
-        place
-    }
-
-    fn forget(&mut self, key: KeyHash) {
-        if let Some(place) = self.by_key.remove(&key) {
-            self.instances.remove(place);
-        }
-        self.recent = self.recent.filter(|(recent, _)| *recent != key);
-    }
-
     /// Forgets the instance that has been idle for longest; false when there is none.
     fn forget_idle(&mut self) -> bool {
         while let Some(key) = self.idle.pop_front() {
-            let Some(place) = self.find(key) else {
+            let Some(place) = self.instances.find(key) else {
                 continue;
             };
             self.instances[place].listed_idle = false;
             if self.instances[place].is_idle() {
-                self.forget(key);
+                self.instances.remove(key);
                 return true;
             }
         }

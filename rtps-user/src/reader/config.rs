@@ -67,6 +67,9 @@ pub struct ReaderTiming {
     /// How long after it was asked for a missing sample or fragment is not asked for again: its repair is on the
     /// way.
     pub nack_suppression: Duration,
+    /// Bytes of missing samples and fragments that are asked for at once, so that their repairs find room where the
+    /// reader's datagrams wait. When the last of them has come, more are asked for.
+    pub max_requested_bytes: usize,
     /// How long fragments of a sample must have ceased to come before those behind the last received one count
     /// as lost, and not just as not sent yet.
     pub fragment_silence: Duration,
@@ -88,6 +91,7 @@ impl Default for ReaderTiming {
         Self {
             heartbeat_response_delay: Duration::ZERO,
             nack_suppression: Duration::from_millis(20),
+            max_requested_bytes: 256 << 10,
             fragment_silence: Duration::from_millis(5),
             greeting_period: Duration::from_millis(50),
             greeting_period_max: Duration::from_secs(2),

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use bytes::Bytes;
 
-use super::slab::Slab;
+use crate::slab::Slab;
 use crate::wire::{Guid, SequenceNumber, Timestamp};
 
 const NONE: u32 = u32::MAX;

@@ -21,7 +21,6 @@ mod liveliness;
 mod ranges;
 mod reassembly;
 mod sample;
-mod slab;
 #[cfg(test)]
 mod tests;
 mod timers;
@@ -33,11 +32,11 @@ pub use sample::{
     InstanceState, Mask, Sample, SampleInfo, SampleState, Selection, State, ViewState,
 };
 
-use std::collections::hash_map::Entry;
-use std::collections::{BTreeSet, HashMap};
+use std::collections::BTreeSet;
 use std::time::Instant;
 
 use crate::qos::Qos;
+use crate::table::Table;
 use crate::wire::{
     Data, DataFrag, Gap, Guid, GuidPrefix, Heartbeat, HeartbeatFrag, SequenceNumber, Timestamp,
 };
@@ -47,6 +46,7 @@ use cache::Cache;
 use change::{Arrival, Payload};
 use events::Events;
 use liveliness::{Sign, Watch};
+use reassembly::Progress;
 use timers::Timers;
 use writer_proxy::WriterProxy;
 
@@ -63,7 +63,7 @@ enum Message {
 #[derive(Debug)]
 pub struct Reader {
     config: ReaderConfig,
-    proxies: HashMap<Guid, WriterProxy>,
+    proxies: Table<Guid, WriterProxy>,
     cache: Cache,
     events: Events,
     messages: Timers<(Guid, Message)>,
@@ -83,7 +83,7 @@ impl Reader {
         Self {
             cache: Cache::new(&config.qos),
             config,
-            proxies: HashMap::new(),
+            proxies: Table::default(),
             events: Events::default(),
             messages: Timers::default(),
             watch: Watch::default(),
@@ -111,27 +111,25 @@ impl Reader {
 
     /// Matches a writer, or takes over the changed locators and policies of a matched one.
     pub fn match_writer(&mut self, now: Instant, remote: &RemoteEndpoint) {
-        match self.proxies.entry(remote.guid) {
-            Entry::Occupied(mut known) => {
-                known.get_mut().update(remote);
-                self.watch.follow(remote.guid, &known.get().lease);
-            }
-            Entry::Vacant(vacant) => {
-                let proxy = vacant.insert(WriterProxy::new(now, &self.config, remote));
-                proxy.responder.resume(self.count);
-                self.watch
-                    .begin(remote.guid, &proxy.lease, &mut self.events);
-                if proxy.is_reliable() {
-                    self.messages.set((remote.guid, Message::Greeting), now);
-                }
-            }
+        if let Some(proxy) = self.proxies.get_mut(remote.guid) {
+            proxy.update(remote);
+            self.watch.follow(remote.guid, &proxy.lease);
+            return;
         }
+        let mut proxy = WriterProxy::new(now, &self.config, remote);
+        proxy.responder.resume(self.count);
+        self.watch
+            .begin(remote.guid, &proxy.lease, &mut self.events);
+        if proxy.is_reliable() {
+            self.messages.set((remote.guid, Message::Greeting), now);
+        }
+        self.proxies.insert(remote.guid, proxy);
     }
 
     /// Forgets a writer; what is held of it because something before it is missing, or because there was no
     /// room, is lost.
     pub fn unmatch_writer(&mut self, now: Instant, writer: Guid) {
-        let Some(proxy) = self.proxies.remove(&writer) else {
+        let Some(proxy) = self.proxies.remove(writer) else {
             return;
         };
         self.messages.cancel((writer, Message::Greeting));
@@ -145,12 +143,12 @@ impl Reader {
 
     /// Whether a writer is matched.
     pub fn is_matched(&self, writer: Guid) -> bool {
-        self.proxies.contains_key(&writer)
+        self.proxies.get(writer).is_some()
     }
 
     /// The matched writers, in no particular order.
     pub fn matched_writers(&self) -> impl Iterator<Item = Guid> + '_ {
-        self.proxies.keys().copied()
+        self.proxies.keys()
     }
 
     /// DATA of a writer, with the source timestamp that the message said before it.
@@ -161,7 +159,7 @@ impl Reader {
         timestamp: Option<Timestamp>,
         data: &Data<'_>,
     ) {
-        let Some(proxy) = self.proxies.get_mut(&writer) else {
+        let Some(proxy) = self.proxies.get_mut(writer) else {
             return;
         };
         self.now = Some(now);
@@ -183,17 +181,7 @@ impl Reader {
             inline_qos: data.inline_qos,
             kind: data.kind,
         };
-        let payload = Payload::Borrowed(data.payload);
-        proxy.receive(
-            &self.config,
-            arrival,
-            payload,
-            &mut self.cache,
-            &mut self.events,
-        );
-        if proxy.is_blocked() {
-            self.blocked.insert(writer);
-        }
+        self.receive(now, arrival, Payload::Borrowed(data.payload), false);
     }
 
     /// DATA_FRAG of a writer, with the source timestamp that the message said before it.
@@ -204,7 +192,7 @@ impl Reader {
         timestamp: Option<Timestamp>,
         data: &DataFrag<'_>,
     ) {
-        let Some(proxy) = self.proxies.get_mut(&writer) else {
+        let Some(proxy) = self.proxies.get_mut(writer) else {
             return;
         };
         self.now = Some(now);
@@ -224,8 +212,11 @@ impl Reader {
             self.events.lost(writer, 1);
             return;
         }
-        let Some(assembled) = proxy.reassembly.add(now, timestamp, data) else {
-            return;
+        proxy.note_size(data.sample_size as usize);
+        let assembled = match proxy.reassembly.add(now, timestamp, data) {
+            Progress::Complete(assembled) => assembled,
+            Progress::Repaired => return self.answer(now, writer),
+            Progress::Incomplete => return,
         };
         let arrival = Arrival {
             writer,
@@ -236,21 +227,12 @@ impl Reader {
             kind: assembled.kind,
         };
         let payload = Payload::Owned(assembled.payload);
-        proxy.receive(
-            &self.config,
-            arrival,
-            payload,
-            &mut self.cache,
-            &mut self.events,
-        );
-        if proxy.is_blocked() {
-            self.blocked.insert(writer);
-        }
+        self.receive(now, arrival, payload, assembled.is_repaired);
     }
 
     /// GAP of a writer.
     pub fn handle_gap(&mut self, now: Instant, writer: Guid, gap: &Gap) {
-        let Some(proxy) = self.proxies.get_mut(&writer) else {
+        let Some(proxy) = self.proxies.get_mut(writer) else {
             return;
         };
         self.now = Some(now);
@@ -265,11 +247,15 @@ impl Reader {
         if proxy.is_blocked() {
             self.blocked.insert(writer);
         }
+        let next = proxy.next();
+        if proxy.responder.completes_below(next) && proxy.lacks_something() {
+            self.answer(now, writer);
+        }
     }
 
     /// HEARTBEAT of a writer.
     pub fn handle_heartbeat(&mut self, now: Instant, writer: Guid, heartbeat: &Heartbeat) {
-        let Some(proxy) = self.proxies.get_mut(&writer) else {
+        let Some(proxy) = self.proxies.get_mut(writer) else {
             return;
         };
         self.now = Some(now);
@@ -280,26 +266,25 @@ impl Reader {
         };
         self.watch
             .heard(now, writer, &mut proxy.lease, sign, &mut self.events);
-        let timing = &self.config.timing;
-        let validity = timing.heartbeat_count_validity;
+        let validity = self.config.timing.heartbeat_count_validity;
         if !proxy.is_reliable() || !proxy.filter.is_new(now, heartbeat.count, validity) {
             return;
         }
         if !proxy.has_heard() {
             self.messages.cancel((writer, Message::Greeting));
         }
-        if proxy.heartbeat(heartbeat, &mut self.cache, &mut self.events) {
-            let at = now + timing.heartbeat_response_delay;
-            self.messages.set_earlier((writer, Message::Answer), at);
-        }
+        let is_answered = proxy.heartbeat(heartbeat, &mut self.cache, &mut self.events);
         if proxy.is_blocked() {
             self.blocked.insert(writer);
+        }
+        if is_answered {
+            self.answer(now, writer);
         }
     }
 
     /// HEARTBEAT_FRAG of a writer.
     pub fn handle_heartbeat_frag(&mut self, now: Instant, writer: Guid, heartbeat: &HeartbeatFrag) {
-        let Some(proxy) = self.proxies.get_mut(&writer) else {
+        let Some(proxy) = self.proxies.get_mut(writer) else {
             return;
         };
         self.watch.heard(
@@ -311,8 +296,7 @@ impl Reader {
         );
         let (sequence, last) = (heartbeat.sequence, heartbeat.last_fragment);
         if proxy.is_reliable() && proxy.reassembly.announce(sequence, last) {
-            let at = now + self.config.timing.heartbeat_response_delay;
-            self.messages.set_earlier((writer, Message::Answer), at);
+            self.answer(now, writer);
         }
     }
 
@@ -324,17 +308,18 @@ impl Reader {
         } else {
             Sign::Protocol
         };
-        for (writer, proxy) in &mut self.proxies {
+        for (_, proxy) in self.proxies.iter_mut() {
+            let writer = proxy.guid;
             if writer.prefix == participant {
                 self.watch
-                    .heard(now, *writer, &mut proxy.lease, sign, &mut self.events);
+                    .heard(now, writer, &mut proxy.lease, sign, &mut self.events);
             }
         }
     }
 
     /// All changes of a writer below `next` are dealt with, though they have not come here.
     pub fn skip_to(&mut self, writer: Guid, next: SequenceNumber) {
-        if let Some(proxy) = self.proxies.get_mut(&writer) {
+        if let Some(proxy) = self.proxies.get_mut(writer) {
             proxy.skip_to(next, &mut self.cache, &mut self.events);
         }
     }
@@ -342,7 +327,7 @@ impl Reader {
     /// Does what is due but needs no datagram: leases and deadlines.
     pub fn handle_timeout(&mut self, now: Instant) {
         while let Some(writer) = self.watch.pop(now) {
-            let Some(proxy) = self.proxies.get_mut(&writer) else {
+            let Some(proxy) = self.proxies.get_mut(writer) else {
                 continue;
             };
             if self
@@ -368,10 +353,11 @@ impl Reader {
         .min()
     }
 
-    /// Writes the next datagram that is due, if any, into `out`.
+    /// Appends the next datagram that is due, if any, to `out`.
     pub fn poll_transmit(&mut self, now: Instant, out: &mut Vec<u8>) -> Option<Transmit> {
+        let start = out.len();
         while let Some((writer, message)) = self.messages.pop(now) {
-            let Some(proxy) = self.proxies.get_mut(&writer) else {
+            let Some(proxy) = self.proxies.get_mut(writer) else {
                 continue;
             };
             let (sent, again) = match message {
@@ -384,6 +370,7 @@ impl Reader {
             if sent && let Some(destinations) = proxy.destinations.clone() {
                 return Some(Transmit { destinations });
             }
+            out.truncate(start);
         }
         None
     }
@@ -400,6 +387,15 @@ impl Reader {
             self.release();
         }
         samples
+    }
+
+    /// Takes the first sample of a selection in the order of arrival, as [`take`](Self::take) does.
+    pub fn take_next(&mut self, selection: &Selection) -> Option<Sample> {
+        let sample = self.cache.take_next(selection);
+        if sample.is_some() && !self.blocked.is_empty() {
+            self.release();
+        }
+        sample
     }
 
     /// Reads up to `max` samples, which stay.
@@ -430,7 +426,7 @@ impl Reader {
     /// Goes on with a writer, matched just now, where an earlier run of this reader stopped: at change `next`,
     /// counting ACKNACKs and NACK_FRAGs on from `count`. With `next` at most 1 only the counts go on.
     pub fn resume_from(&mut self, writer: Guid, next: SequenceNumber, count: i32) {
-        if let Some(proxy) = self.proxies.get_mut(&writer) {
+        if let Some(proxy) = self.proxies.get_mut(writer) {
             proxy.resume(next, count);
         }
     }
@@ -442,7 +438,37 @@ impl Reader {
 
     /// The number below which all changes of a matched writer have been received, or will not come.
     pub fn progress(&self, writer: Guid) -> Option<SequenceNumber> {
-        self.proxies.get(&writer).map(WriterProxy::next)
+        self.proxies.get(writer).map(WriterProxy::next)
+    }
+
+    /// Takes in a change that is wanted, of which fragments may have been asked for.
+    fn receive(&mut self, now: Instant, arrival: Arrival, payload: Payload<'_>, is_repaired: bool) {
+        let Arrival {
+            writer, sequence, ..
+        } = arrival;
+        let Some(proxy) = self.proxies.get_mut(writer) else {
+            return;
+        };
+        proxy.receive(
+            &self.config,
+            arrival,
+            payload,
+            &mut self.cache,
+            &mut self.events,
+        );
+        if proxy.is_blocked() {
+            self.blocked.insert(writer);
+        }
+        let completes = proxy.responder.completes(sequence);
+        if (completes || is_repaired) && proxy.lacks_something() {
+            self.answer(now, writer);
+        }
+    }
+
+    /// Answers a writer, together with what else there may be to answer until then.
+    fn answer(&mut self, now: Instant, writer: Guid) {
+        let at = now + self.config.timing.heartbeat_response_delay;
+        self.messages.set_earlier((writer, Message::Answer), at);
     }
 
     /// Lets changes in that there was no room for, and tells their writers at once, because they may be waiting
@@ -452,7 +478,7 @@ impl Reader {
             return;
         };
         for writer in std::mem::take(&mut self.blocked) {
-            let Some(proxy) = self.proxies.get_mut(&writer) else {
+            let Some(proxy) = self.proxies.get_mut(writer) else {
                 continue;
             };
             let moved = proxy.advance(&mut self.cache, &mut self.events);

@@ -23,6 +23,17 @@ const MAX_RANGES: usize = 1 << 16;
 /// After so long without a fragment, fragments that contradict what has arrived replace it.
 const STALE: std::time::Duration = std::time::Duration::from_secs(1);
 
+/// What fragments have brought.
+#[derive(Debug)]
+pub(super) enum Progress {
+    /// Nothing that somebody waits for.
+    Incomplete,
+    /// The last of the fragments that were asked for: it is time to ask for more.
+    Repaired,
+    /// The rest of a sample.
+    Complete(Assembled),
+}
+
 /// A sample of which all fragments have arrived.
 #[derive(Debug)]
 pub(super) struct Assembled {
@@ -30,6 +41,16 @@ pub(super) struct Assembled {
     pub(super) inline_qos: InlineQos,
     pub(super) kind: PayloadKind,
     pub(super) payload: Bytes,
+    /// Fragments of it had to be asked for.
+    pub(super) is_repaired: bool,
+}
+
+/// How much is to be asked for at once.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Limit {
+    pub(super) sets: usize,
+    /// Bytes of fragments, of which each has 65,535 at the most.
+    pub(super) bytes: usize,
 }
 
 /// The missing fragments of a sample.
@@ -93,17 +114,18 @@ impl Reassembly {
         self.partials.contains_key(&sequence)
     }
 
-    /// Takes in fragments; returns the sample that they complete.
+    /// Takes in fragments.
     pub(super) fn add(
         &mut self,
         now: Instant,
         timestamp: Option<Timestamp>,
         fragment: &DataFrag<'_>,
-    ) -> Option<Assembled> {
-        if fragment.sample_size as usize > self.max_sample_size {
-            return None;
+    ) -> Progress {
+        if fragment.sample_size as usize > self.max_sample_size
+            || self.make_room(now, fragment).is_none()
+        {
+            return Progress::Incomplete;
         }
-        self.make_room(now, fragment)?;
         let partial = self
             .partials
             .entry(fragment.sequence)
@@ -112,15 +134,16 @@ impl Reassembly {
         partial.add(now, fragment);
         self.bytes += partial.buffer.len() - before;
         if !partial.is_complete() {
-            return None;
+            return if partial.completes_request(fragment) {
+                Progress::Repaired
+            } else {
+                Progress::Incomplete
+            };
         }
-        let partial = self.take(fragment.sequence)?;
-        Some(Assembled {
-            timestamp: partial.timestamp,
-            inline_qos: partial.inline_qos,
-            kind: partial.kind,
-            payload: Bytes::from(partial.buffer),
-        })
+        match self.take(fragment.sequence) {
+            Some(partial) => Progress::Complete(partial.into_assembled()),
+            None => Progress::Incomplete,
+        }
     }
 
     /// A HEARTBEAT_FRAG: fragments up to `last` are there; returns whether the sample is in the making.
@@ -139,25 +162,25 @@ impl Reassembly {
         }
     }
 
-    /// The fragments to ask for now, in up to `max` sets, of the samples up to `last` and of those announced by
-    /// fragments; and when to look again for what is not to be asked for yet.
+    /// The fragments to ask for now, within `limit`, of the samples up to `last` and of those announced by fragments;
+    /// and when to look again for what is not to be asked for yet. Takes what is asked for, and what is on its way
+    /// because it was, from the limit.
     pub(super) fn requests(
         &mut self,
         now: Instant,
         last: SequenceNumber,
         timing: &ReaderTiming,
-        max: usize,
+        limit: &mut Limit,
     ) -> (Vec<Request>, Option<Instant>) {
         let (mut requests, mut again) = (Vec::new(), None);
         for (&sequence, partial) in &mut self.partials {
-            if requests.len() >= max {
+            if limit.sets == 0 {
                 break;
             }
             if sequence > last && partial.announced == 0 {
                 continue;
             }
-            let room = max - requests.len();
-            let (sets, later) = partial.request(now, timing, room);
+            let (sets, later) = partial.request(now, timing, limit);
             requests.extend(
                 sets.into_iter()
                     .map(|missing| Request { sequence, missing }),
@@ -293,29 +316,60 @@ impl Partial {
         }
     }
 
-    /// The fragments to ask for now, in up to `max` sets, and when to ask for others.
+    /// Whether these are the last fragments that were asked for; they are on the way no more then.
+    fn completes_request(&mut self, fragment: &DataFrag<'_>) -> bool {
+        let first = i64::from(fragment.first_fragment);
+        let numbers = first..first + i64::from(fragment.fragment_count);
+        let completes = self.asked.is_some_and(|(last, _)| numbers.contains(&last));
+        if completes {
+            self.asked = None;
+        }
+        completes
+    }
+
+    fn into_assembled(self) -> Assembled {
+        Assembled {
+            timestamp: self.timestamp,
+            inline_qos: self.inline_qos,
+            kind: self.kind,
+            payload: Bytes::from(self.buffer),
+            is_repaired: self.asked.is_some(),
+        }
+    }
+
+    /// The fragments to ask for now, within `limit`, and when to ask for others.
     fn request(
         &mut self,
         now: Instant,
         timing: &ReaderTiming,
-        max: usize,
+        limit: &mut Limit,
     ) -> (Vec<FragmentNumberSet>, Option<Instant>) {
         let (fragments, again) = self.askable(now, timing);
-        let (mut from, end) = (fragments.start, fragments.end);
-        let mut sets = Vec::new();
-        for _ in 0..max {
-            let mut missing = self.received.missing(from..end).peekable();
+        let size = usize::from(self.fragment_size);
+        let mut room = limit.bytes / size;
+        let on_their_way = self.received.missing(1..fragments.start).take(room);
+        room -= on_their_way.count();
+        let (mut from, mut sets) = (fragments.start, Vec::new());
+        while sets.len() < limit.sets {
+            let mut missing = self
+                .received
+                .missing(from..fragments.end)
+                .take(room)
+                .peekable();
             let Some(&base) = missing.peek() else {
                 break;
             };
             from = base + i64::from(FragmentNumberSet::MAX_SPAN);
             let members = missing.take_while(|number| *number < from);
             let members = members.map(|number| number as u32);
-            sets.push(FragmentNumberSet::from_members(base as u32, members));
+            let set = FragmentNumberSet::from_members(base as u32, members);
+            room -= set.iter().count();
+            sets.push(set);
         }
-        if !sets.is_empty() {
-            let asked = from.min(end) - 1;
-            self.asked = Some((self.asked.map_or(0, |(asked, _)| asked).max(asked), now));
+        limit.sets -= sets.len();
+        limit.bytes = room * size;
+        if let Some(last) = sets.last() {
+            self.asked = Some((i64::from(last.span().end) - 1, now));
         }
         (sets, again)
     }

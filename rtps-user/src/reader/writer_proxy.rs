@@ -54,6 +54,8 @@ pub(super) struct WriterProxy {
     heard: bool,
     /// Whether the cache had no room for the change at `next`.
     blocked: bool,
+    /// Bytes of the last change that came, which tell what those will have that are missing.
+    change_size: usize,
     done: Ranges,
     held: BTreeMap<SequenceNumber, Change>,
     held_bytes: usize,
@@ -80,6 +82,7 @@ impl WriterProxy {
             told: false,
             heard: false,
             blocked: false,
+            change_size: 0,
             done: Ranges::default(),
             held: BTreeMap::new(),
             held_bytes: 0,
@@ -154,6 +157,16 @@ impl WriterProxy {
         }
     }
 
+    /// About how many changes have so many bytes.
+    pub(super) fn changes_in(&self, bytes: usize) -> usize {
+        bytes / self.change_size.max(1)
+    }
+
+    /// A change of so many bytes is coming.
+    pub(super) fn note_size(&mut self, bytes: usize) {
+        self.change_size = bytes;
+    }
+
     /// Whether a change with this number and so many bytes is wanted now.
     pub(super) fn wants(&self, sequence: SequenceNumber, bytes: usize) -> bool {
         if sequence < self.next || sequence.0 == i64::MAX {
@@ -181,6 +194,7 @@ impl WriterProxy {
         cache: &mut Cache,
         events: &mut Events,
     ) {
+        self.note_size(payload.as_slice().len());
         match arrival.meaning(config, payload.as_slice()) {
             Meaning::Update(instance) => {
                 let change = arrival.into_change(instance, payload.into_bytes());
@@ -330,7 +344,7 @@ impl WriterProxy {
     }
 
     /// Whether something is missing that the writer has announced.
-    fn lacks_something(&self) -> bool {
+    pub(super) fn lacks_something(&self) -> bool {
         self.done.first_missing(self.next.0) <= self.announced.0
     }
 

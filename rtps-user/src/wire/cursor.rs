@@ -13,6 +13,7 @@ pub enum Endianness {
 
 impl Endianness {
     /// The byte order that flag E of a submessage declares.
+    #[inline]
     pub fn from_flags(flags: u8) -> Self {
         if flags & 1 == 1 {
             Self::Little
@@ -32,6 +33,7 @@ pub struct Cursor<'a> {
 
 impl<'a> Cursor<'a> {
     /// Starts at the first of `bytes`.
+    #[inline]
     pub fn new(bytes: &'a [u8], endianness: Endianness) -> Self {
         Self {
             bytes,
@@ -41,6 +43,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// Bytes read so far.
+    #[inline]
     pub fn position(&self) -> usize {
         self.position
     }
@@ -51,11 +54,13 @@ impl<'a> Cursor<'a> {
     }
 
     /// What has not been read yet.
+    #[inline]
     pub fn rest(&self) -> &'a [u8] {
         self.bytes.get(self.position..).unwrap_or_default()
     }
 
     /// The next `count` bytes.
+    #[inline]
     pub fn take(&mut self, count: usize) -> Result<&'a [u8], WireError> {
         let end = self
             .position
@@ -70,6 +75,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// The next `N` bytes as an array.
+    #[inline]
     pub fn array<const N: usize>(&mut self) -> Result<[u8; N], WireError> {
         let (array, _) = self
             .rest()
@@ -86,11 +92,13 @@ impl<'a> Cursor<'a> {
     }
 
     /// An 8-bit unsigned number.
+    #[inline]
     pub fn u8(&mut self) -> Result<u8, WireError> {
         Ok(self.array::<1>()?[0])
     }
 
     /// A 16-bit unsigned number.
+    #[inline]
     pub fn u16(&mut self) -> Result<u16, WireError> {
         let bytes = self.array()?;
         Ok(match self.endianness {
@@ -100,6 +108,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// A 32-bit unsigned number.
+    #[inline]
     pub fn u32(&mut self) -> Result<u32, WireError> {
         let bytes = self.array()?;
         Ok(match self.endianness {
@@ -109,6 +118,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// A 32-bit signed number.
+    #[inline]
     pub fn i32(&mut self) -> Result<i32, WireError> {
         Ok(self.u32()?.cast_signed())
     }

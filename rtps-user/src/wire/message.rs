@@ -77,20 +77,24 @@ impl<'a> Submessages<'a> {
         ))
     }
 
+    #[inline]
     fn decode_next(&mut self) -> Result<Submessage<'a>, WireError> {
-        let mut cursor = Cursor::new(self.rest, Endianness::Big);
-        let [kind, flags] = cursor.array()?;
-        let endianness = Endianness::from_flags(flags);
-        let mut length = Cursor::new(cursor.rest(), endianness);
-        let length = usize::from(length.u16()?);
-        let body = self
+        let (&[kind, flags, first, second], body) = self
             .rest
-            .get(SUBMESSAGE_HEADER_LEN..)
+            .split_first_chunk::<SUBMESSAGE_HEADER_LEN>()
             .ok_or(WireError::UnexpectedEnd)?;
+        let length = match Endianness::from_flags(flags) {
+            Endianness::Big => u16::from_be_bytes([first, second]),
+            Endianness::Little => u16::from_le_bytes([first, second]),
+        };
         let kind = SubmessageKind(kind);
         // A length of 0 means "to the end of the message", except for submessages that can be empty.
         let to_the_end = length == 0 && !kind.may_be_empty();
-        let length = if to_the_end { body.len() } else { length };
+        let length = if to_the_end {
+            body.len()
+        } else {
+            usize::from(length)
+        };
         let (body, rest) = body
             .split_at_checked(length)
             .ok_or(WireError::SubmessageTooLong)?;
@@ -102,6 +106,7 @@ impl<'a> Submessages<'a> {
 impl<'a> Iterator for Submessages<'a> {
     type Item = Result<Submessage<'a>, WireError>;
 
+    #[inline]
     fn next(&mut self) -> Option<Self::Item> {
         if self.rest.is_empty() {
             return None;

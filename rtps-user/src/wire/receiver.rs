@@ -51,6 +51,7 @@ impl<'a> MessageReceiver<'a> {
 impl<'a> Iterator for MessageReceiver<'a> {
     type Item = Result<Received<'a>, WireError>;
 
+    #[inline]
     fn next(&mut self) -> Option<Self::Item> {
         loop {
             match self.submessages.next()? {

@@ -39,6 +39,7 @@ impl SequenceNumber {
     }
 
     /// Reads high and low word.
+    #[inline]
     pub fn decode(cursor: &mut Cursor<'_>) -> Result<Self, WireError> {
         let high = cursor.i32()?;
         let low = cursor.u32()?;

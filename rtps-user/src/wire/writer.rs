@@ -11,6 +11,8 @@ const FLAG_LITTLE_ENDIAN: u8 = 0x01;
 #[derive(Debug)]
 pub struct MessageWriter<'a> {
     out: &'a mut Vec<u8>,
+    /// Where the message begins in the buffer.
+    start: usize,
 }
 
 /// Fragments of a change, to be cut out of the whole payload.
@@ -35,26 +37,31 @@ pub struct DataFragment<'a> {
 }
 
 impl<'a> MessageWriter<'a> {
-    /// Empties `out` and begins a message of `prefix` in it.
+    /// Begins a message of `prefix` behind what is in `out`.
     pub fn new(out: &'a mut Vec<u8>, prefix: GuidPrefix) -> Self {
-        out.clear();
+        let start = out.len();
         Header::encode(prefix, out);
-        Self { out }
+        Self { out, start }
     }
 
-    /// Goes on with a message that was begun before.
+    /// Goes on with the message that begins at the start of `out`.
     pub fn resume(out: &'a mut Vec<u8>) -> Self {
-        Self { out }
+        Self { out, start: 0 }
     }
 
     /// Bytes of the message so far.
     pub fn len(&self) -> usize {
-        self.out.len()
+        self.out.len() - self.start
     }
 
     /// Whether the message has no submessage yet.
     pub fn is_empty(&self) -> bool {
-        self.out.len() <= super::HEADER_LEN
+        self.len() <= super::HEADER_LEN
+    }
+
+    /// Takes the message back, so that `out` is as before.
+    pub fn discard(self) {
+        self.out.truncate(self.start);
     }
 
     /// INFO_DST: what follows is for `prefix`.

@@ -117,7 +117,7 @@ impl Writer {
                 ..self.heartbeat(start)
             });
         }
-        if packet.is_empty() {
+        if !packet.finish() {
             return None;
         }
         let destinations = self.readers.get(&reader)?.address().clone();

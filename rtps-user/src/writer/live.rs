@@ -107,9 +107,9 @@ impl Writer {
         if self.wants_heartbeat_to_all() && packet.has_room_for_heartbeat() {
             self.heartbeat_to_all(now, &mut packet);
         }
-        let is_empty = packet.is_empty();
+        let is_sent = packet.finish();
         self.release();
-        (!is_empty).then(|| Transmit {
+        is_sent.then(|| Transmit {
             destinations: self.destinations.clone(),
         })
     }

@@ -248,7 +248,7 @@ impl Writer {
         timers.into_iter().flatten().min()
     }
 
-    /// Writes the next datagram into `out`, which it empties first. To be called until it gives `None`.
+    /// Appends the next datagram to `out`, which stays as it is where there is none. To be called until it gives `None`.
     pub fn poll_transmit(&mut self, now: Instant, out: &mut Vec<u8>) -> Option<Transmit> {
         self.poll_directed(now, out)
             .or_else(|| self.poll_live(now, out))

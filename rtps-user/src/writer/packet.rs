@@ -112,7 +112,7 @@ impl Layout {
     }
 }
 
-/// A datagram in the making.
+/// A datagram in the making, behind what its buffer holds already.
 #[derive(Debug)]
 pub(super) struct Packet<'a> {
     message: MessageWriter<'a>,
@@ -151,6 +151,15 @@ impl<'a> Packet<'a> {
     /// Whether nothing has been appended.
     pub(super) fn is_empty(&self) -> bool {
         self.message.len() == self.prologue
+    }
+
+    /// Ends the datagram. Gives whether there is one: where nothing has been appended it is taken back.
+    pub(super) fn finish(self) -> bool {
+        let is_empty = self.is_empty();
+        if is_empty {
+            self.message.discard();
+        }
+        !is_empty
     }
 
     /// Appends what fits of a change from `position` on, and moves `position`, behind the change at last. Gives
@@ -306,10 +315,11 @@ mod tests {
         let mut lengths = Vec::new();
         let mut out = Vec::new();
         while position.sequence == SequenceNumber(1) {
+            let start = out.len();
             let mut packet = Packet::directed(&mut out, layout, READER);
             packet.change(&mut position, change);
-            assert!(!packet.is_empty(), "no progress");
-            lengths.push(out.len());
+            assert!(packet.finish(), "no progress");
+            lengths.push(out.len() - start);
         }
         lengths
     }

@@ -218,6 +218,7 @@ mod tests {
                     _ => None,
                 }),
             );
+            out.clear();
         }
         counts
     }

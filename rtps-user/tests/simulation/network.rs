@@ -306,6 +306,7 @@ impl Network {
             }
             while let Some(transmit) = self.nodes[index].endpoints.poll_transmit(now, &mut bytes) {
                 self.send(index, &transmit, &bytes);
+                bytes.clear();
             }
         }
     }

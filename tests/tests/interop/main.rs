@@ -13,6 +13,7 @@ mod large;
 mod layers;
 mod loss;
 mod matching;
+mod perf;
 mod reliable;
 mod soak;
 mod stage;

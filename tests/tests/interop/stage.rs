@@ -1,6 +1,7 @@
 //! Where a scenario plays: two hosts joined by a link, each with a layer of ours or with other vendors' programs.
 
 use anyhow::Result;
+use rtps_tests::ddsperf;
 use rtps_tests::layer::{KernelLayer, Layer};
 use rtps_tests::link::{self, Interface};
 use rtps_tests::loss::{Direction, Loss, Lossy};
@@ -48,6 +49,11 @@ impl Stage {
         stage::spawn_peer(&self.far.netns, &self.far.interface, peer, arguments)
     }
 
+    /// Starts ddsperf on the other host.
+    pub(crate) fn ddsperf(&self, arguments: &str) -> Result<Process> {
+        ddsperf::spawn(&self.far.netns, arguments)
+    }
+
     /// Loses packets in both directions while the value lives: at the sender's end, because XDP would take them off the
     /// link before a program at the receiver's end could lose them.
     pub(crate) fn lose(&self, loss: Loss) -> Result<[Lossy; 2]> {
@@ -92,6 +98,12 @@ impl<'a> Host<'a> {
     /// Starts an app of ours, which takes the peers' arguments, as a user without any rights.
     pub(crate) fn app(&self, arguments: &str) -> Result<Process> {
         stage::spawn_app(&self.host.netns, self.layer, "shapes", arguments)
+    }
+
+    /// Starts `rtps perf`, which prints JSON, as [`Host::app`].
+    pub(crate) fn perf(&self, arguments: &str) -> Result<Process> {
+        let arguments = format!("perf {arguments} --json");
+        stage::spawn_rtps(&self.host.netns, self.layer, &arguments)
     }
 
     /// Starts another vendor's program on this same host.

@@ -3,8 +3,8 @@
 //! No privileges, no daemon. Samples take the user socket and go to the app's endpoints; everything else is for the
 //! layer's discovery, which runs whenever the driver does.
 
-mod address_watch;
 mod interfaces;
+mod lookahead;
 mod sockets;
 mod static_peers;
 
@@ -16,6 +16,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use rtps_ebpf::SlotSet;
+use rtps_net::{AddressWatch, Interface};
 use rtps_user::discovery::for_interface;
 use rtps_user::layer::protocol::{FromLayer, Hello, LAYER_PROTOCOL_VERSION, ToLayer};
 use rtps_user::layer::{Layer, LayerConfig, LayerOutput};
@@ -23,19 +24,19 @@ use rtps_user::wire::GuidPrefix;
 use rtps_user::{Transmit, ipv6};
 use thiserror::Error;
 
-use self::address_watch::AddressWatch;
-use self::interfaces::Interface;
+use self::lookahead::Lookahead;
 use self::sockets::{Kind, Sockets};
-use super::{Burst, FIRST, Identity, LayerKind, Link, Settings, Sink, log_send_error};
+use super::{Arrivals, Burst, FIRST, Identity, LayerKind, Link, Settings, Sink, log_send_error};
 use crate::link::sender::Sender;
+use crate::sys::receive::{ReceiveBuffer, Received};
 use crate::sys::{Epoll, Interest, Wakeups, random_bytes, udp};
 
 /// Three sockets for each family.
 const SOCKETS: u8 = FIRST;
 const ADDRESSES: u8 = SOCKETS + 6;
 
-/// The largest UDP datagram.
-const DATAGRAM_MAX: usize = 65_536;
+/// Datagrams after which a socket has had its turn; those that came together are taken together.
+const DATAGRAMS_AT_ONCE: usize = 64;
 /// A participant's traffic is reported to the layer at most this often.
 const SEEN_PERIOD: Duration = Duration::from_millis(500);
 
@@ -66,7 +67,9 @@ pub(crate) struct InProcessLink {
     /// `None` where the system does not allow to watch.
     watch: Option<AddressWatch>,
     inbox: VecDeque<FromLayer>,
-    incoming: Vec<u8>,
+    /// For what comes next; `None` while it is read.
+    buffer: Option<ReceiveBuffer>,
+    lookaheads: [Lookahead; (ADDRESSES - SOCKETS) as usize],
     outgoing: Vec<u8>,
     seen: (GuidPrefix, Instant),
 }
@@ -105,7 +108,8 @@ impl InProcessLink {
             interfaces,
             watch,
             inbox: VecDeque::new(),
-            incoming: vec![0; DATAGRAM_MAX],
+            buffer: None,
+            lookaheads: Default::default(),
             outgoing: Vec::new(),
             seen: (GuidPrefix::UNKNOWN, now),
         };
@@ -141,7 +145,7 @@ impl InProcessLink {
 
     /// Sends to an address; an announcement names the addresses first of the interface that leads there.
     fn send_to_one(&self, socket: &UdpSocket, to: SocketAddr) {
-        let addresses = || interfaces::addresses_towards(&self.interfaces, to);
+        let addresses = || rtps_net::addresses_towards(&self.interfaces, to);
         let datagram = for_interface(&self.outgoing, addresses);
         if let Err(error) = socket.send_to(&datagram, ipv6::to_socket(to)) {
             log_send_error(to, datagram.len(), &error);
@@ -182,32 +186,61 @@ impl InProcessLink {
         }
     }
 
-    /// One datagram of a socket, by its place in the order in which they are watched.
-    fn receive_from(&mut self, now: Instant, socket: usize, sink: &mut Sink<'_>) {
-        let Some((kind, socket)) = self.sockets.all().nth(socket) else {
-            return;
+    /// Takes datagrams of a socket, by its place in the order in which they are watched; a bounded number, so that no
+    /// socket keeps the others waiting.
+    fn receive_from(&mut self, now: Instant, place: usize, sink: &mut Sink<'_>) {
+        let looks_again = self.lookaheads[place].is_due();
+        let mut count = self.receive_once(now, place, sink);
+        while looks_again && (1..DATAGRAMS_AT_ONCE).contains(&count) {
+            let more = self.receive_once(now, place, sink);
+            self.lookaheads[place].looked(more > 0);
+            if more == 0 {
+                return;
+            }
+            count += more;
+        }
+    }
+
+    /// Takes what comes together; how many datagrams that were.
+    fn receive_once(&mut self, now: Instant, place: usize, sink: &mut Sink<'_>) -> usize {
+        let Some((kind, socket)) = self.sockets.all().nth(place) else {
+            return 0;
         };
-        match (udp::receive_now(socket, &mut self.incoming), kind) {
-            (Ok((len, source)), Kind::User) => self.take_user(now, len, source, sink),
-            (Ok((len, source)), Kind::Metatraffic) => self.take_metatraffic(now, len, source),
-            (Err(error), _) => log_receive_error(&error),
-        }
+        let mut buffer = self.buffer.take().unwrap_or_else(ReceiveBuffer::new);
+        let count = match buffer.receive(socket) {
+            Ok(received) => {
+                self.take(now, kind, &received, sink);
+                received.datagrams().len().max(1)
+            }
+            Err(error) => {
+                log_receive_error(&error);
+                0
+            }
+        };
+        self.buffer = Some(buffer);
+        count
     }
 
-    fn take_user(&mut self, now: Instant, len: usize, source: SocketAddr, sink: &mut Sink<'_>) {
-        let datagram = self.incoming.get(..len).unwrap_or_default();
-        self.note_traffic(now, source_prefix(datagram));
-        let datagram = self.incoming.get(..len).unwrap_or_default();
-        sink(ipv6::from_socket(source), datagram);
-    }
-
-    fn take_metatraffic(&mut self, now: Instant, len: usize, source: SocketAddr) {
-        let datagram = self.incoming.get(..len).unwrap_or_default();
-        let source = ipv6::from_socket(source);
-        if let Err(error) = self.layer.handle_datagram(now, source, datagram) {
-            tracing::debug!(%source, len, %error, "discovery datagram refused");
+    fn take(&mut self, now: Instant, kind: Kind, received: &Received<'_>, sink: &mut Sink<'_>) {
+        let source = ipv6::from_socket(received.source);
+        match kind {
+            Kind::User => {
+                // What comes together comes from one socket.
+                self.note_traffic(now, received.datagrams().next().and_then(source_prefix));
+                received
+                    .datagrams()
+                    .for_each(|datagram| sink(source, datagram));
+            }
+            Kind::Metatraffic => {
+                for datagram in received.datagrams() {
+                    if let Err(error) = self.layer.handle_datagram(now, source, datagram) {
+                        let len = datagram.len();
+                        tracing::debug!(%source, len, %error, "discovery datagram refused");
+                    }
+                }
+                self.pump(now);
+            }
         }
-        self.pump(now);
     }
 
     /// Samples are a sign of life, too.
@@ -250,16 +283,19 @@ impl Link for InProcessLink {
         }
     }
 
-    /// One datagram of each readable socket: reading until there is none would cost one more system call a sample.
     fn receive(&mut self, now: Instant, wakeups: Wakeups, sink: &mut Sink<'_>) {
-        for (number, socket) in (SOCKETS..ADDRESSES).zip(0..) {
+        for (number, place) in (SOCKETS..ADDRESSES).zip(0..) {
             if wakeups.contains(number) {
-                self.receive_from(now, socket, sink);
+                self.receive_from(now, place, sink);
             }
         }
         if wakeups.contains(ADDRESSES) {
             self.refresh_interfaces(now);
         }
+    }
+
+    fn arrivals(&self) -> Option<Arc<dyn Arrivals>> {
+        None
     }
 
     fn prepare_sleep(&mut self) -> bool {
@@ -306,7 +342,7 @@ fn layer_config(
         .peers
         .extend(static_peers::from_environment(settings.domain));
     config.multicast = sockets.groups();
-    config.datagram_size = interfaces::datagram_size(interfaces);
+    config.datagram_size = rtps_net::datagram_size(interfaces);
     Ok(config)
 }
 
@@ -317,10 +353,7 @@ fn locators(interfaces: &[Interface], port: u16) -> Vec<SocketAddr> {
     let announced = interfaces
         .iter()
         .filter(|interface| is_alone || !interface.is_loopback);
-    ipv6::locators(
-        announced.map(|interface| interface.addresses.as_slice()),
-        port,
-    )
+    rtps_net::locators(announced, port)
 }
 
 /// Without it, addresses stay as they are now.
@@ -350,3 +383,6 @@ fn log_receive_error(error: &io::Error) {
         tracing::debug!(%error, "datagram not received");
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -5,11 +5,11 @@ use std::io;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 use std::os::fd::AsFd;
 
+use rtps_net::Interface;
 use rtps_user::ipv6;
 
 use super::InProcessError;
-use super::interfaces::Interface;
-use crate::sys::{Epoll, Interest, udp};
+use crate::sys::{Epoll, Interest, receive, udp};
 
 /// The group of SPDP for IPv4 (RTPS 2.5 section 9.6.2.4.1).
 const GROUP: Ipv4Addr = Ipv4Addr::new(239, 255, 0, 1);
@@ -23,8 +23,8 @@ const USER_OFFSET: u32 = 11;
 /// Participant ids whose ports are below those of the next domain.
 const PARTICIPANTS: u32 = 120;
 
-/// Room for bursts while the app does other things; the kernel caps it.
-const RECEIVE_BUFFER: i32 = 4 << 20;
+/// Room for bursts while the app does other things, in bytes; the kernel may cap it.
+const RECEIVE_BUFFER: usize = 4 << 20;
 
 /// See the module.
 #[derive(Debug)]
@@ -191,7 +191,10 @@ fn bind_both(any: IpAddr, metatraffic: u16, user: u16) -> io::Result<Option<[Udp
 fn bind_own(address: SocketAddr) -> io::Result<Option<UdpSocket>> {
     match udp::bind(address) {
         Ok(socket) => {
-            udp::set_receive_buffer(&socket, RECEIVE_BUFFER)?;
+            receive::set_receive_buffer(&socket, RECEIVE_BUFFER)?;
+            if let Err(error) = receive::keep_together(&socket) {
+                tracing::debug!(%error, "datagrams come one by one");
+            }
             Ok(Some(socket))
         }
         Err(error) if error.kind() == io::ErrorKind::AddrInUse => Ok(None),

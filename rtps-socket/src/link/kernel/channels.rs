@@ -10,7 +10,7 @@ use rtps_user::local;
 use super::CHANNEL;
 use super::patience::Patience;
 use crate::link::{Burst, Sink};
-use crate::sys::channel::{Inbound, Outbound};
+use crate::sys::channel::{Inbound, Inlet, Outbound};
 use crate::sys::{Epoll, Interest};
 
 /// Datagrams that one call takes out of one channel: bounds how long timers, and other channels, wait in a flood.
@@ -74,6 +74,14 @@ impl Channels {
         self.patience.note_traffic();
         let channel = self.by_slot.get_mut(&slot);
         channel.is_some_and(|channel| channel.outbound.send(burst.datagrams()))
+    }
+
+    /// What other threads may look at to see whether something has arrived; another one after each
+    /// [`open`](Self::open) and [`close`](Self::close).
+    pub(super) fn inlets(&self) -> Vec<Arc<Inlet>> {
+        self.inbound()
+            .map(|inbound| Arc::clone(inbound.inlet()))
+            .collect()
     }
 
     /// Takes what has arrived. It counts as sent from the other app's [`local::address`], whatever it says.

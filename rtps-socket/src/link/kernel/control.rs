@@ -72,6 +72,8 @@ pub(super) struct Control {
     retry: Duration,
     due: Option<Instant>,
     declared: BTreeMap<EntityId, Endpoint>,
+    /// USER_DATA of the participant.
+    described: Vec<u8>,
     outbox: VecDeque<Vec<u8>>,
     inbox: VecDeque<FromLayer>,
     buffer: Vec<u8>,
@@ -112,6 +114,7 @@ impl Control {
             retry: RETRY_FIRST,
             due: None,
             declared: BTreeMap::new(),
+            described: Vec::new(),
             outbox: VecDeque::new(),
             inbox: VecDeque::new(),
             buffer,
@@ -134,6 +137,7 @@ impl Control {
             ToLayer::Withdraw(entity) => {
                 self.declared.remove(entity);
             }
+            ToLayer::Describe(user_data) => self.described.clone_from(user_data),
             ToLayer::Hello(_) | ToLayer::AssertLiveliness => {}
         }
         // Without a connection there is nothing to queue: coming back declares everything anew.
@@ -200,8 +204,13 @@ impl Control {
         };
         self.retry = RETRY_FIRST;
         let declared = self.declared.values().cloned();
-        self.outbox = declared
-            .map(|endpoint| encode(&ToLayer::Declare(Box::new(endpoint))))
+        let declarations = declared.map(|endpoint| ToLayer::Declare(Box::new(endpoint)));
+        let user_data = Some(self.described.clone()).filter(|user_data| !user_data.is_empty());
+        self.outbox = user_data
+            .map(ToLayer::Describe)
+            .into_iter()
+            .chain(declarations)
+            .map(|request| encode(&request))
             .collect();
         self.flush(now);
     }

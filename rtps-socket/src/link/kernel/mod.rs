@@ -6,6 +6,7 @@ mod control;
 mod doorbell;
 mod outlet;
 mod patience;
+mod places;
 mod record;
 
 use std::io;
@@ -25,7 +26,8 @@ use self::channels::Channels;
 use self::control::{Control, ControlEvent};
 use self::doorbell::Doorbell;
 use self::outlet::Outlet;
-use super::{Burst, FIRST, Identity, LayerKind, Link, Settings, Sink, log_send_error};
+use self::places::Places;
+use super::{Arrivals, Burst, FIRST, Identity, LayerKind, Link, Settings, Sink, log_send_error};
 use crate::link::sender::Sender;
 use crate::sys::{Bell, Epoll, Interest, RingConsumer, Wakeups};
 
@@ -78,6 +80,7 @@ pub(crate) struct KernelLink {
     outlet: Outlet,
     /// To and from other apps of this host.
     channels: Channels,
+    places: Arc<Places>,
     control: Control,
     epoll: Arc<Epoll>,
     is_lost: bool,
@@ -103,8 +106,13 @@ impl KernelLink {
             slot: welcome.slot,
             token: welcome.token,
         });
+        let places = Places {
+            ring: Arc::clone(ring.ring()),
+            inlets: Vec::new(),
+        };
         Ok(Self {
             identity: identity(&welcome),
+            places: Arc::new(places),
             ring,
             bell,
             doorbell: Doorbell::new(socket),
@@ -124,8 +132,16 @@ impl KernelLink {
             let (ring, bell) = map(fds)?;
             self.epoll.add(ring.as_fd(), RING, Interest::Level)?;
             (self.ring, self.bell) = (ring, bell);
+            self.note_places();
         }
         Ok(())
+    }
+
+    fn note_places(&mut self) {
+        self.places = Arc::new(Places {
+            ring: Arc::clone(self.ring.ring()),
+            inlets: self.channels.inlets(),
+        });
     }
 
     fn handle_control(&mut self, now: Instant, event: ControlEvent) {
@@ -148,8 +164,12 @@ impl KernelLink {
                 if let Err(error) = self.channels.open(slot, fds) {
                     tracing::error!(slot, %error, "another app of this host cannot be reached");
                 }
+                self.note_places();
             }
-            ControlEvent::ChannelClosed(slot) => self.channels.close(slot),
+            ControlEvent::ChannelClosed(slot) => {
+                self.channels.close(slot);
+                self.note_places();
+            }
             ControlEvent::Lost(why) => {
                 tracing::warn!(
                     "rtpsd is gone ({why}): data keep flowing, matching waits for its return"
@@ -217,12 +237,16 @@ impl Link for KernelLink {
         }
     }
 
+    fn arrivals(&self) -> Option<Arc<dyn Arrivals>> {
+        Some(Arc::clone(&self.places) as Arc<dyn Arrivals>)
+    }
+
     fn prepare_sleep(&mut self) -> bool {
         if self.channels.linger() {
             return false;
         }
         self.bell.arm();
-        let quiet = self.channels.arm() && !self.ring.has_record();
+        let quiet = self.channels.arm() && !self.ring.ring().has_record();
         if !quiet {
             self.awake();
         }

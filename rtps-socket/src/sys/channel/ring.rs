@@ -4,7 +4,8 @@ use std::fs::File;
 use std::io;
 use std::os::fd::AsFd;
 use std::ptr;
-use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 
 use crate::sys::mapping::{Mapping, page_size};
 
@@ -22,14 +23,16 @@ fn space(len: u64) -> u64 {
 /// The pages of a ring.
 #[derive(Debug)]
 struct Pages {
-    mapping: Mapping,
+    /// Those of the producer and the consumer.
+    control: Mapping,
+    data: Mapping,
     page: usize,
     /// Of the data.
     size: u64,
 }
 
 impl Pages {
-    /// Maps a ring; one side writes its position only, the other the data too.
+    /// Maps a ring; only the producer writes data.
     fn map(file: &File, is_producer: bool) -> io::Result<Self> {
         let page = page_size();
         let len = usize::try_from(file.metadata()?.len()).unwrap_or(usize::MAX);
@@ -38,48 +41,44 @@ impl Pages {
             let what = format!("{len} bytes are no ring");
             return Err(io::Error::new(io::ErrorKind::InvalidData, what));
         }
-        let mapping = Mapping::reserve(2 * page + 2 * size)?;
-        let (fd, data) = (file.as_fd(), 2 * page);
-        mapping.overlay(0, (fd, 0), page, is_producer)?;
-        mapping.overlay(page, (fd, page), page, !is_producer)?;
-        mapping.overlay(data, (fd, data), size, is_producer)?;
-        mapping.overlay(data + size, (fd, data), size, is_producer)?;
         Ok(Self {
-            mapping,
+            control: Mapping::new(file.as_fd(), 0, 2 * page, true)?,
+            data: Mapping::new(file.as_fd(), 2 * page, size, is_producer)?,
             page,
             size: size as u64,
         })
     }
 
     fn producer(&self) -> &AtomicU64 {
-        // SAFETY: the first word of a page that lives as long as `self`, written to by the producer alone, which has
-        // mapped it writable.
-        unsafe { &*self.mapping.start().cast() }
+        // SAFETY: the first word of a writable page that lives as long as `self`.
+        unsafe { &*self.control.start().cast() }
     }
 
     fn consumer(&self) -> &AtomicU64 {
-        // SAFETY: the first word of a page that lives as long as `self`, written to by the consumer alone, which has
-        // mapped it writable.
-        unsafe { &*self.mapping.start().wrapping_add(self.page).cast() }
+        // SAFETY: the first word of a writable page that lives as long as `self`.
+        unsafe { &*self.control.start().wrapping_add(self.page).cast() }
     }
 
     /// Whether the consumer sleeps, or is about to.
     fn is_waiting(&self) -> &AtomicU32 {
         let place = self.page + size_of::<AtomicU64>();
-        // SAFETY: as for the consumer's position, which it stands behind.
-        unsafe { &*self.mapping.start().wrapping_add(place).cast() }
+        // SAFETY: an aligned word behind the consumer's position, in the same page.
+        unsafe { &*self.control.start().wrapping_add(place).cast() }
     }
 
     /// The first word of the record at `position`, a multiple of 8.
     fn length_at(&self, position: u64) -> &AtomicU32 {
-        // SAFETY: `at` is within the mapping and aligned; only the producer, who has mapped it writable, stores.
-        unsafe { &*self.at(position).cast() }
+        let (place, _) = self.at(position);
+        // SAFETY: the place is within the mapping, as is the word, because the data end at a multiple of 8; only the
+        // producer, who has mapped it writable, stores.
+        unsafe { &*place.cast() }
     }
 
-    /// Where the byte at `position` is mapped for the first time; `size` bytes follow.
-    fn at(&self, position: u64) -> *const u8 {
-        let offset = 2 * self.page + (position & (self.size - 1)) as usize;
-        self.mapping.start().wrapping_add(offset)
+    /// Where the byte at `position` is, and how many follow to the end of the data.
+    fn at(&self, position: u64) -> (*const u8, usize) {
+        let offset = (position & (self.size - 1)) as usize;
+        let place = self.data.start().wrapping_add(offset);
+        (place, self.size as usize - offset)
     }
 }
 
@@ -112,10 +111,16 @@ impl Producer {
         }
         let header = self.pages.length_at(self.position);
         header.store(len as u32, Ordering::Relaxed);
-        let place = self.pages.at(self.position + HEADER).cast_mut();
-        // SAFETY: `size` writable bytes begin there, and the record takes no more; a consumer that reads them before
-        // they are published reads any bytes, as from any other process.
-        unsafe { ptr::copy_nonoverlapping(record.as_ptr(), place, record.len()) };
+        let (place, to_end) = self.pages.at(self.position + HEADER);
+        let (first, wrapped) = record.split_at(record.len().min(to_end));
+        let (begin, _) = self.pages.at(0);
+        // SAFETY: the record is no longer than the data, which are writable; its first part ends with them at the latest,
+        // and the rest begins with them. A consumer that reads them before they are published reads any bytes, as from
+        // any other process.
+        unsafe {
+            ptr::copy_nonoverlapping(first.as_ptr(), place.cast_mut(), first.len());
+            ptr::copy_nonoverlapping(wrapped.as_ptr(), begin.cast_mut(), wrapped.len());
+        }
         self.position += space(len);
         true
     }
@@ -158,22 +163,73 @@ impl Producer {
     }
 }
 
+/// What a ring shows to any thread of its consumer.
+#[derive(Debug)]
+pub(crate) struct Inlet {
+    pages: Pages,
+    /// How far it was read. Only the one consumer moves it.
+    position: AtomicU64,
+    /// The producer has published what cannot be; nothing of it is believed any more.
+    is_broken: AtomicBool,
+}
+
+impl Inlet {
+    /// Whether something was published that has not been read.
+    pub(crate) fn has_record(&self) -> bool {
+        let position = self.position.load(Ordering::Relaxed);
+        !self.is_broken.load(Ordering::Relaxed)
+            && self.pages.producer().load(Ordering::SeqCst) != position
+    }
+
+    /// The length of the record at `position`, if it is one that can be there.
+    fn record(&self, position: u64, producer: u64) -> Option<usize> {
+        let available = producer.wrapping_sub(position);
+        if available < HEADER || available > self.pages.size || !available.is_multiple_of(8) {
+            return None;
+        }
+        let header = self.pages.length_at(position);
+        let len = u64::from(header.load(Ordering::Relaxed));
+        (len <= MAX_RECORD && space(len) <= available).then_some(len as usize)
+    }
+
+    /// Copies `len` bytes, at most as many as there are data.
+    fn copy(&self, position: u64, len: usize, buffer: &mut Vec<u8>) {
+        let (place, to_end) = self.pages.at(position);
+        let (begin, _) = self.pages.at(0);
+        let first = len.min(to_end);
+        buffer.clear();
+        buffer.reserve(len);
+        // SAFETY: the first part ends with the data at the latest, the rest begins with them; the buffer has room for
+        // both, and whatever bytes the other process has or puts there, they are initialized.
+        unsafe {
+            ptr::copy_nonoverlapping(place, buffer.as_mut_ptr(), first);
+            ptr::copy_nonoverlapping(begin, buffer.as_mut_ptr().add(first), len - first);
+            buffer.set_len(len);
+        }
+    }
+}
+
 /// Empties a ring.
 #[derive(Debug)]
 pub(super) struct Consumer {
-    pages: Pages,
-    position: u64,
-    /// The producer has published what cannot be; nothing of it is believed any more.
-    is_broken: bool,
+    inlet: Arc<Inlet>,
 }
 
 impl Consumer {
     pub(super) fn map(file: &File) -> io::Result<Self> {
-        Ok(Self {
+        let inlet = Inlet {
             pages: Pages::map(file, false)?,
-            position: 0,
-            is_broken: false,
+            position: AtomicU64::new(0),
+            is_broken: AtomicBool::new(false),
+        };
+        Ok(Self {
+            inlet: Arc::new(inlet),
         })
+    }
+
+    /// What other threads may look at.
+    pub(super) fn inlet(&self) -> &Arc<Inlet> {
+        &self.inlet
     }
 
     /// Copies up to `limit` records to `buffer`, one by one, and hands them to `take`; then frees their room. Returns how
@@ -184,61 +240,37 @@ impl Consumer {
         buffer: &mut Vec<u8>,
         mut take: impl FnMut(&[u8]),
     ) -> usize {
-        let start = self.position;
-        let producer = self.pages.producer().load(Ordering::Acquire);
+        let inlet = &*self.inlet;
+        if inlet.is_broken.load(Ordering::Relaxed) {
+            return 0;
+        }
+        let producer = inlet.pages.producer().load(Ordering::Acquire);
+        let mut position = inlet.position.load(Ordering::Relaxed);
         let mut taken = 0;
-        while taken < limit && self.position != producer && !self.is_broken {
-            let Some(len) = self.record(producer) else {
+        while taken < limit && position != producer {
+            let Some(len) = inlet.record(position, producer) else {
                 tracing::error!(
                     "another app has broken its ring to this one, which reads it no more"
                 );
-                self.is_broken = true;
+                inlet.is_broken.store(true, Ordering::Relaxed);
                 break;
             };
-            self.copy(len, buffer);
-            self.position += space(len as u64);
+            inlet.copy(position + HEADER, len, buffer);
+            position += space(len as u64);
             taken += 1;
             take(buffer);
         }
-        if self.position != start {
-            let consumer = self.pages.consumer();
-            consumer.store(self.position, Ordering::Release);
+        if taken > 0 {
+            inlet.position.store(position, Ordering::Relaxed);
+            let consumer = inlet.pages.consumer();
+            consumer.store(position, Ordering::Release);
         }
         taken
     }
 
-    /// The length of the next record, if it is one that can be there.
-    fn record(&self, producer: u64) -> Option<usize> {
-        let available = producer.wrapping_sub(self.position);
-        if available < HEADER || available > self.pages.size || !available.is_multiple_of(8) {
-            return None;
-        }
-        let header = self.pages.length_at(self.position);
-        let len = u64::from(header.load(Ordering::Relaxed));
-        (len <= MAX_RECORD && space(len) <= available).then_some(len as usize)
-    }
-
-    /// Copies the record of `len` bytes that comes next.
-    fn copy(&self, len: usize, buffer: &mut Vec<u8>) {
-        let record = self.pages.at(self.position + HEADER);
-        buffer.clear();
-        buffer.reserve(len);
-        // SAFETY: the record's bytes are mapped, since it is no longer than the data; the buffer has room for them, and
-        // whatever bytes the other process has or puts there, they are initialized.
-        unsafe {
-            ptr::copy_nonoverlapping(record, buffer.as_mut_ptr(), len);
-            buffer.set_len(len);
-        }
-    }
-
     /// Says whether the consumer wants to be woken.
     pub(super) fn set_waiting(&self, is_waiting: bool) {
-        let flag = self.pages.is_waiting();
+        let flag = self.inlet.pages.is_waiting();
         flag.store(is_waiting.into(), Ordering::Relaxed);
-    }
-
-    /// Whether something was published that has not been read.
-    pub(super) fn has_record(&self) -> bool {
-        !self.is_broken && self.pages.producer().load(Ordering::SeqCst) != self.position
     }
 }

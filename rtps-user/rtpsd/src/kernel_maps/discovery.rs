@@ -15,7 +15,6 @@ use rtps_user::wire::{EntityId, SequenceNumber};
 use tracing::warn;
 
 use super::{builtin_writer, ignore_missing, open, replace};
-use crate::interfaces;
 use crate::pins::PinFolder;
 
 /// All of them.
@@ -71,14 +70,14 @@ impl DiscoveryMaps {
         &mut self,
         domain_index: u32,
         submessages: Vec<u8>,
-        interfaces: &[interfaces::Interface],
+        interfaces: &[rtps_net::Interface],
     ) -> Result<()> {
         self.announced.insert(domain_index, submessages);
         self.announce_on(interfaces)
     }
 
     /// The interfaces, or their addresses, may be others than before.
-    pub(crate) fn announce_on(&mut self, interfaces: &[interfaces::Interface]) -> Result<()> {
+    pub(crate) fn announce_on(&mut self, interfaces: &[rtps_net::Interface]) -> Result<()> {
         let entries = self.announced.iter().flat_map(|(domain_index, announced)| {
             interfaces.iter().map(|interface| {
                 let key = AnnouncementKey {

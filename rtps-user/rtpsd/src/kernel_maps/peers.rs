@@ -14,7 +14,7 @@ use rtps_ebpf::abi::{
 use rtps_user::wire::{EntityId, Guid, GuidPrefix, SequenceNumber};
 
 use super::{builtin_writer, ignore_missing, monotonic_now, nanoseconds, open};
-use crate::interfaces::mapped;
+use crate::own_addresses::mapped;
 use crate::pins::PinFolder;
 
 type PeerMap = HashMap<MapData, [u8; 12], Peer>;

@@ -8,10 +8,10 @@ use aya::programs::links::{FdLink, LinkOrder, PinnedLink};
 use aya::programs::tc::{SchedClassifierLink, TcAttachOptions};
 use aya::programs::{SchedClassifier, TcAttachType};
 use rtps_ebpf::abi::name;
+use rtps_net::Interface;
 use tracing::{info, warn};
 
 use super::{Loader, innermost, program};
-use crate::interfaces::Interface;
 use crate::pins::Hook;
 use crate::run_folder::remove_if_there;
 

@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::sim::{Net, endpoint, prefix};
 use super::{READER, SECOND, WRITER, matched, unmatched};
 use crate::layer::StoreKey;
-use crate::layer::protocol::{FromLayer, ToLayer};
+use crate::layer::protocol::{FromLayer, MAX_USER_DATA, ToLayer};
 use crate::qos::{Liveliness, LivelinessKind};
 use crate::wire;
 
@@ -106,4 +106,29 @@ fn liveliness_is_asserted_for_automatic_writers_and_on_demand() {
     net.request(0, a, ToLayer::AssertLiveliness);
     net.run(Duration::from_millis(10));
     assert_eq!(net.replies(1), [assertion(true)]);
+}
+
+#[test]
+fn others_see_the_user_data_of_an_app_while_it_is_there() {
+    let (mut net, _, _) = matched();
+    let seen = |net: &mut Net, wanted: &[u8]| {
+        net.run(SECOND);
+        let mut participants = net.hosts[1].layer.discovery.participants();
+        assert_eq!(participants.next().unwrap().data.user_data, wanted);
+    };
+    let [a, b] = [net.attach(0), net.attach(0)];
+    seen(&mut net, b"");
+    net.request(0, a, ToLayer::Describe(b"a".to_vec()));
+    seen(&mut net, b"a");
+    net.request(0, b, ToLayer::Describe(b"b".to_vec()));
+    seen(&mut net, b"b");
+    net.hosts[0].layer.detach(net.now, b);
+    seen(&mut net, b"a");
+    net.replies(0);
+    net.request(0, a, ToLayer::Describe(vec![0; MAX_USER_DATA + 1]));
+    assert!(matches!(
+        net.replies(0)[..],
+        [(_, FromLayer::Refused { .. })]
+    ));
+    seen(&mut net, b"a");
 }

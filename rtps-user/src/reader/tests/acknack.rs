@@ -143,6 +143,65 @@ fn an_answer_can_wait() {
 }
 
 #[test]
+fn heartbeats_that_come_together_are_answered_once() {
+    let mut bench = Bench::started(reliable(), reliable());
+    for sequence in 1..=100 {
+        bench.data(sequence);
+        bench.heartbeat(1, sequence);
+    }
+    assert_eq!(bench.answers(), [Answer::AckNack(101, vec![], 3, true)]);
+}
+
+#[test]
+fn repairs_that_are_lost_are_asked_for_again_when_the_last_has_come() {
+    let mut bench = Bench::started(reliable(), reliable());
+    bench.heartbeat(1, 4);
+    assert_eq!(
+        bench.answers(),
+        [Answer::AckNack(1, vec![1, 2, 3, 4], 3, false)]
+    );
+    bench.data(1);
+    bench.data(3);
+    assert_eq!(bench.answers(), []);
+    bench.data(4);
+    assert_eq!(bench.answers(), [Answer::AckNack(2, vec![2], 4, false)]);
+    bench.data(2);
+    assert_eq!(bench.answers(), []);
+    assert_eq!(bench.taken(), [1, 2, 3, 4]);
+}
+
+#[test]
+fn no_more_is_asked_for_at_once_than_finds_room() {
+    let mut config = ReaderConfig::new(reader_guid(), reliable());
+    config.timing.max_requested_bytes = 100_000;
+    let mut bench = Bench::unmatched(config);
+    bench
+        .reader
+        .match_writer(bench.now, &remote(bench.writer, reliable()));
+    bench.answers();
+    let send = |bench: &mut Bench, sequence| {
+        bench.sample(sequence, key(0), StatusInfo::default(), &[0; 30_000]);
+    };
+    send(&mut bench, 1);
+    bench.heartbeat(1, 9);
+    assert_eq!(
+        bench.answers(),
+        [Answer::AckNack(2, vec![2, 3, 4], 2, false)]
+    );
+    bench.heartbeat(1, 9);
+    assert_eq!(bench.answers(), [], "their repairs are on their way");
+    for sequence in 2..=4 {
+        send(&mut bench, sequence);
+    }
+    assert_eq!(
+        bench.answers(),
+        [Answer::AckNack(5, vec![5, 6, 7], 3, false)]
+    );
+    bench.gap(5, 8, &[]);
+    assert_eq!(bench.answers(), [Answer::AckNack(8, vec![8, 9], 4, false)]);
+}
+
+#[test]
 fn a_rematched_writer_is_answered_at_its_new_address() {
     let mut bench = Bench::started(reliable(), reliable());
     bench.data(1);

@@ -161,7 +161,7 @@ fn memory_grows_with_what_arrives_and_not_with_what_is_promised() {
         bench.part(sequence, 600_000, &whole);
         bench.part(sequence, 1, &whole);
     }
-    let reassembly = &bench.reader.proxies[&bench.writer].reassembly;
+    let reassembly = &bench.reader.proxies.get(bench.writer).unwrap().reassembly;
     assert!(
         reassembly.reserved() <= 64 * (64 << 10),
         "{}",
@@ -177,7 +177,15 @@ fn a_whole_sample_replaces_its_fragments() {
     bench.part(1, 2, &whole);
     bench.part(1, 3, &whole);
     assert_eq!(bench.taken(), [1]);
-    assert!(bench.reader.proxies[&bench.writer].reassembly.is_empty());
+    assert!(
+        bench
+            .reader
+            .proxies
+            .get(bench.writer)
+            .unwrap()
+            .reassembly
+            .is_empty()
+    );
 }
 
 #[test]
@@ -237,6 +245,62 @@ fn many_missing_fragments_take_many_sets() {
     assert_eq!(missing, (1..=999).collect::<Vec<_>>());
 }
 
+/// All fragments that are asked for now.
+fn asked(bench: &mut Bench) -> Vec<u32> {
+    let fragments = bench.answers().into_iter().flat_map(|answer| match answer {
+        Answer::NackFrag(1, missing, _) => missing,
+        _ => Vec::new(),
+    });
+    fragments.collect()
+}
+
+#[test]
+fn no_more_fragments_are_asked_for_at_once_than_find_room() {
+    let mut config = ReaderConfig::new(reader_guid(), reliable());
+    config.timing.max_requested_bytes = 70_000;
+    let mut bench = Bench::unmatched(config);
+    bench
+        .reader
+        .match_writer(bench.now, &remote(bench.writer, reliable()));
+    bench.answers();
+    let whole = sample(200_000);
+    bench.part(1, 2000, &whole);
+    bench.heartbeat(1, 1);
+    assert_eq!(asked(&mut bench), (1..=700).collect::<Vec<_>>());
+    bench.heartbeat(1, 1);
+    assert_eq!(asked(&mut bench), [0; 0], "their repairs are on their way");
+    for first in (1..=700).filter(|first| first % 100 != 50) {
+        assert_eq!(asked(&mut bench), [0; 0]);
+        bench.part(1, first, &whole);
+    }
+    let lost = (1..=700).filter(|first| first % 100 == 50);
+    let next: Vec<u32> = lost.chain(701..=1393).collect();
+    assert_eq!(asked(&mut bench), next);
+    for first in next.into_iter().chain(1394..=1999) {
+        bench.part(1, first, &whole);
+    }
+    assert_eq!(bench.take()[0].payload, whole);
+}
+
+#[test]
+fn samples_of_which_nothing_came_wait_for_the_fragments_of_others() {
+    let mut config = ReaderConfig::new(reader_guid(), reliable());
+    config.timing.max_requested_bytes = 70_000;
+    let mut bench = Bench::unmatched(config);
+    bench
+        .reader
+        .match_writer(bench.now, &remote(bench.writer, reliable()));
+    let whole = sample(70_000);
+    bench.part(1, 700, &whole);
+    bench.heartbeat(1, 2);
+    bench.answers();
+    for first in 1..=699 {
+        assert_eq!(bench.answers(), []);
+        bench.part(1, first, &whole);
+    }
+    assert_eq!(bench.answers(), [Answer::AckNack(2, vec![2], 2, false)]);
+}
+
 #[test]
 fn best_effort_drops_what_newer_samples_overtake() {
     let mut bench = Bench::new(Qos::default(), Qos::default());
@@ -248,7 +312,15 @@ fn best_effort_drops_what_newer_samples_overtake() {
     bench.part(1, 2, &whole);
     bench.part(1, 3, &whole);
     assert_eq!(bench.taken(), [2]);
-    assert!(bench.reader.proxies[&bench.writer].reassembly.is_empty());
+    assert!(
+        bench
+            .reader
+            .proxies
+            .get(bench.writer)
+            .unwrap()
+            .reassembly
+            .is_empty()
+    );
 }
 
 #[test]
@@ -267,5 +339,13 @@ fn best_effort_never_runs_out_of_room() {
         bench.part(201, first, &whole);
     }
     assert_eq!(bench.taken(), [201]);
-    assert!(bench.reader.proxies[&bench.writer].reassembly.is_empty());
+    assert!(
+        bench
+            .reader
+            .proxies
+            .get(bench.writer)
+            .unwrap()
+            .reassembly
+            .is_empty()
+    );
 }

@@ -181,6 +181,7 @@ impl Bench {
             assert!(out.len() <= self.reader.config.datagram_size);
             let received = MessageReceiver::new(self.writer.prefix, &out).unwrap();
             answers.extend(received.map(|received| answer(received.unwrap().submessage)));
+            out.clear();
         }
         answers
     }

@@ -122,6 +122,25 @@ impl Bench {
         Vec::new()
     }
 
+    /// A fragment of 1000 bytes.
+    fn kilobyte(&mut self, sequence: i64, first: u32, whole: &[u8]) {
+        let start = (first as usize - 1) * 1000;
+        let data = DataFrag {
+            reader: EntityId::UNKNOWN,
+            writer: self.writer.entity,
+            sequence: SequenceNumber(sequence),
+            first_fragment: first,
+            fragment_count: 1,
+            fragment_size: 1000,
+            sample_size: whole.len() as u32,
+            inline_qos: InlineQos::default(),
+            kind: PayloadKind::Data,
+            payload: &whole[start..(start + 1000).min(whole.len())],
+        };
+        self.reader
+            .handle_data_frag(self.now, self.writer, None, &data);
+    }
+
     fn random_fragment(&mut self, sequence: i64, first: u32) {
         let fragment_size = 100;
         let start = (first - 1) * fragment_size;
@@ -215,6 +234,57 @@ proptest! {
             }
             taken.extend(bench.taken());
             bench.wait(10);
+        }
+        prop_assert_eq!(taken, (1..=written).collect::<Vec<_>>());
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// The same for samples in fragments, of which never more are asked for than find room.
+    #[test]
+    fn large_samples_arrive_in_the_end(
+        lost in prop::collection::vec(prop::bool::weighted(0.3), 0..4000),
+        written in 1..4i64,
+    ) {
+        const SIZE: usize = 200_000;
+        let whole = vec![7; SIZE];
+        let mut config = ReaderConfig::new(reader_guid(), reliable());
+        config.timing.max_requested_bytes = 70_000;
+        let mut bench = Bench::unmatched(config);
+        bench.reader.match_writer(bench.now, &remote(bench.writer, reliable()));
+        let mut lost = lost.into_iter();
+        let mut arrives = || !lost.next().unwrap_or(false);
+        let mut taken = Vec::new();
+        let all = |sequence| (1..=SIZE.div_ceil(1000) as u32).map(move |first| (sequence, first));
+        let mut due: Vec<(i64, u32)> = (1..=written).flat_map(all).collect();
+        for _ in 0..200 {
+            for (sequence, first) in due.drain(..) {
+                if arrives() {
+                    bench.kilobyte(sequence, first, &whole);
+                }
+            }
+            bench.heartbeats += 1;
+            if arrives() {
+                bench.heartbeat_with(1, written, bench.heartbeats, false);
+            }
+            let mut asked = 0;
+            for answer in bench.answers() {
+                match answer {
+                    Answer::AckNack(_, missing, ..) => {
+                        asked += SIZE * missing.len().saturating_sub(1);
+                        due.extend(missing.into_iter().flat_map(all));
+                    }
+                    Answer::NackFrag(sequence, missing, _) => {
+                        asked += 1000 * missing.len();
+                        due.extend(missing.into_iter().map(|first| (sequence, first)));
+                    }
+                }
+            }
+            prop_assert!(taken.is_empty() || asked <= 70_000, "{}", asked);
+            taken.extend(bench.taken());
+            bench.wait(1);
         }
         prop_assert_eq!(taken, (1..=written).collect::<Vec<_>>());
     }

@@ -79,7 +79,7 @@ fn gaps_full_of_holes_are_bounded() {
         let members: Vec<i64> = (base..base + 256).step_by(2).collect();
         bench.gap(base, base, &members);
     }
-    let proxy = &bench.reader.proxies[&bench.writer];
+    let proxy = &bench.reader.proxies.get(bench.writer).unwrap();
     assert!(proxy.ranges() <= 4097, "{}", proxy.ranges());
 }
 
@@ -89,7 +89,10 @@ fn held_changes_are_bounded() {
     for sequence in 2..20_000 {
         bench.data(sequence);
     }
-    assert_eq!(bench.reader.proxies[&bench.writer].held_count(), 8192);
+    assert_eq!(
+        bench.reader.proxies.get(bench.writer).unwrap().held_count(),
+        8192
+    );
     bench.data(1);
     assert_eq!(bench.taken(), (1..=8193).collect::<Vec<_>>());
 }

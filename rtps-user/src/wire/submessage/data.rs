@@ -39,6 +39,7 @@ impl<'a> Data<'a> {
     const FLAG_DATA: u8 = 0x04;
     const FLAG_KEY: u8 = 0x08;
 
+    #[inline]
     pub(super) fn decode(flags: u8, cursor: &mut Cursor<'a>) -> Result<Self, WireError> {
         let kind = match (flags & Self::FLAG_DATA != 0, flags & Self::FLAG_KEY != 0) {
             (false, false) => PayloadKind::None,
@@ -95,6 +96,7 @@ impl<'a> Data<'a> {
 
 /// Reads what DATA and DATA_FRAG begin with, then `more`, then skips what a later version may have put before
 /// the inline QoS.
+#[inline]
 pub(super) fn decode_prologue<'a>(
     cursor: &mut Cursor<'a>,
     more: impl FnOnce(&mut Cursor<'a>) -> Result<(), WireError>,

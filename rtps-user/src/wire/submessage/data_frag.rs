@@ -36,6 +36,7 @@ impl<'a> DataFrag<'a> {
     const FLAG_INLINE_QOS: u8 = 0x02;
     const FLAG_KEY: u8 = 0x04;
 
+    #[inline]
     pub(super) fn decode(flags: u8, cursor: &mut Cursor<'a>) -> Result<Self, WireError> {
         let (mut first_fragment, mut fragment_count, mut fragment_size, mut sample_size) =
             (0, 0, 0, 0);
@@ -75,6 +76,7 @@ impl<'a> DataFrag<'a> {
     }
 
     /// Where the payload starts in the sample, in bytes.
+    #[inline]
     pub fn offset(&self) -> usize {
         (self.first_fragment as usize)
             .saturating_sub(1)
@@ -82,6 +84,7 @@ impl<'a> DataFrag<'a> {
     }
 
     /// Bytes that the fragments have; `None` where they cannot lie in the sample.
+    #[inline]
     fn payload_len(&self) -> Option<usize> {
         if self.first_fragment == 0 || self.fragment_count == 0 || self.fragment_size == 0 {
             return None;

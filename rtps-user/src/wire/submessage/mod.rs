@@ -101,27 +101,40 @@ impl<'a> Submessage<'a> {
         }
     }
 
+    /// What most submessages are comes first, and in line: the others' decoders would only be in its way.
+    #[inline]
     pub(super) fn decode(
         kind: SubmessageKind,
         flags: u8,
         body: &'a [u8],
     ) -> Result<Self, WireError> {
         let mut cursor = Cursor::new(body, Endianness::from_flags(flags));
+        match kind {
+            SubmessageKind::DATA => Ok(Self::Data(Data::decode(flags, &mut cursor)?)),
+            SubmessageKind::DATA_FRAG => Ok(Self::DataFrag(DataFrag::decode(flags, &mut cursor)?)),
+            SubmessageKind::INFO_TS => Ok(Self::InfoTimestamp(info::decode_timestamp(
+                flags,
+                &mut cursor,
+            )?)),
+            _ => Self::decode_rare(kind, flags, cursor),
+        }
+    }
+
+    fn decode_rare(
+        kind: SubmessageKind,
+        flags: u8,
+        mut cursor: Cursor<'a>,
+    ) -> Result<Self, WireError> {
         Ok(match kind {
             SubmessageKind::ACKNACK => Self::AckNack(AckNack::decode(flags, &mut cursor)?),
             SubmessageKind::HEARTBEAT => Self::Heartbeat(Heartbeat::decode(flags, &mut cursor)?),
             SubmessageKind::GAP => Self::Gap(Gap::decode(&mut cursor)?),
-            SubmessageKind::INFO_TS => {
-                Self::InfoTimestamp(info::decode_timestamp(flags, &mut cursor)?)
-            }
             SubmessageKind::INFO_SRC => Self::InfoSource(info::decode_source(&mut cursor)?),
             SubmessageKind::INFO_DST => Self::InfoDestination(GuidPrefix(cursor.array()?)),
             SubmessageKind::NACK_FRAG => Self::NackFrag(NackFrag::decode(&mut cursor)?),
             SubmessageKind::HEARTBEAT_FRAG => {
                 Self::HeartbeatFrag(HeartbeatFrag::decode(&mut cursor)?)
             }
-            SubmessageKind::DATA => Self::Data(Data::decode(flags, &mut cursor)?),
-            SubmessageKind::DATA_FRAG => Self::DataFrag(DataFrag::decode(flags, &mut cursor)?),
             other => Self::Skipped(other),
         })
     }

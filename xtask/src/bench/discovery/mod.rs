@@ -26,6 +26,7 @@ use serde::Serialize;
 pub(crate) use app::App;
 pub(crate) use generator::Generator;
 pub(crate) use probe::Probe;
+pub(super) use programs::as_release_build;
 
 use crate::interrupt;
 use programs::Programs;
@@ -79,7 +80,7 @@ enum Stack {
 impl Discovery {
     /// Measures and prints.
     pub(crate) fn run(&self) -> Result<()> {
-        programs::as_release_build()?;
+        as_release_build()?;
         interrupt::catch()?;
         let programs = Programs::build()?;
         let mut report = Report::default();

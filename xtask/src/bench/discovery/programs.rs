@@ -40,7 +40,7 @@ impl Programs {
 }
 
 /// Goes on as the release build of this program, because its other roles are a part of what is measured.
-pub(super) fn as_release_build() -> Result<()> {
+pub(in crate::bench) fn as_release_build() -> Result<()> {
     if !cfg!(debug_assertions) {
         return Ok(());
     }

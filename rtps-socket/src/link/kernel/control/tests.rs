@@ -138,6 +138,7 @@ fn everything_is_declared_again_after_a_restart() {
         ToLayer::Withdraw(EntityId::of_app(3, 1, EntityKind::WriterNoKey)),
     );
     control.request(now, declaration(3));
+    control.request(now, ToLayer::Describe(vec![1]));
     let later = now + Duration::from_secs(1);
     control.handle_timeout(later);
     let daemon = Daemon::start(&path);
@@ -152,8 +153,8 @@ fn everything_is_declared_again_after_a_restart() {
     ));
     control.attached(later);
     assert_eq!(
-        [connection.hear(), connection.hear()],
-        [declaration(2), declaration(3)]
+        [connection.hear(), connection.hear(), connection.hear()],
+        [ToLayer::Describe(vec![1]), declaration(2), declaration(3)]
     );
 }
 

@@ -8,14 +8,15 @@ use nix::sys::socket::{
     AddressFamily, MsgFlags, NetlinkAddr, SockFlag, SockProtocol, SockType, bind, recv, socket,
 };
 
-/// See the module.
+/// A subscription to the kernel's notifications (rtnetlink(7)).
 #[derive(Debug)]
-pub(super) struct AddressWatch {
+pub struct AddressWatch {
     socket: OwnedFd,
 }
 
 impl AddressWatch {
-    pub(super) fn new() -> io::Result<Self> {
+    /// Watches from now on.
+    pub fn new() -> io::Result<Self> {
         let flags = SockFlag::SOCK_CLOEXEC | SockFlag::SOCK_NONBLOCK;
         let (family, kind) = (AddressFamily::Netlink, SockType::Raw);
         let socket = socket(family, kind, flags, SockProtocol::NetlinkRoute)?;
@@ -26,7 +27,7 @@ impl AddressWatch {
     }
 
     /// Throws the notifications away: whoever is told looks at everything again.
-    pub(super) fn drain(&self) {
+    pub fn drain(&self) {
         let mut buffer = [0; 8192];
         loop {
             match recv(self.socket.as_raw_fd(), &mut buffer, MsgFlags::empty()) {

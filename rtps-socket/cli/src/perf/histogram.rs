@@ -1,0 +1,130 @@
+//! How often which time span was measured, in a fixed amount of memory.
+
+use std::time::Duration;
+
+/// Buckets are at most 1/1024 of their value wide.
+const PRECISION: u32 = 10;
+const STEPS: usize = 1 << PRECISION;
+/// More nanoseconds than this (69 s) count as this.
+const LARGEST: u64 = (1 << 36) - 1;
+
+/// See the module.
+#[derive(Debug)]
+pub(crate) struct Histogram {
+    /// Of each bucket; those of spans that never occur cost no memory, as their pages are never touched.
+    counts: Vec<u32>,
+    count: u64,
+    max: Duration,
+}
+
+impl Default for Histogram {
+    fn default() -> Self {
+        Self {
+            counts: vec![0; bucket(LARGEST) + 1],
+            count: 0,
+            max: Duration::ZERO,
+        }
+    }
+}
+
+impl Histogram {
+    /// Counts a time span.
+    pub(crate) fn record(&mut self, span: Duration) {
+        let nanos = u64::try_from(span.as_nanos()).unwrap_or(LARGEST);
+        if let Some(count) = self.counts.get_mut(bucket(nanos.min(LARGEST))) {
+            *count = count.saturating_add(1);
+        }
+        self.count += 1;
+        self.max = self.max.max(span);
+    }
+
+    /// Counts all that `other` has counted, which then begins anew.
+    pub(crate) fn absorb(&mut self, other: &mut Self) {
+        for (own, added) in self.counts.iter_mut().zip(&mut other.counts) {
+            if *added > 0 {
+                *own = own.saturating_add(std::mem::take(added));
+            }
+        }
+        self.count += std::mem::take(&mut other.count);
+        self.max = self.max.max(std::mem::take(&mut other.max));
+    }
+
+    /// How many spans were counted.
+    pub(crate) fn count(&self) -> u64 {
+        self.count
+    }
+
+    /// The longest span.
+    pub(crate) fn max(&self) -> Duration {
+        self.max
+    }
+
+    /// What this part of all spans, 0 to 1, does not exceed; zero where there is none.
+    pub(crate) fn percentile(&self, part: f64) -> Duration {
+        let rank = (self.count as f64 * part).ceil().max(1.0) as u64;
+        let mut seen = 0;
+        let found = self.counts.iter().position(|count| {
+            seen += u64::from(*count);
+            seen >= rank
+        });
+        found.map_or(self.max, |bucket| {
+            Duration::from_nanos(upper_end(bucket)).min(self.max)
+        })
+    }
+}
+
+/// Up to 2 * STEPS each value has a bucket, then every power of two has STEPS of them.
+fn bucket(nanos: u64) -> usize {
+    let shift = (u64::BITS - nanos.leading_zeros()).saturating_sub(PRECISION + 1);
+    shift as usize * STEPS + (nanos >> shift) as usize
+}
+
+/// The largest value of a bucket.
+fn upper_end(bucket: usize) -> u64 {
+    let shift = (bucket / STEPS).saturating_sub(1);
+    (((bucket - shift * STEPS + 1) as u64) << shift) - 1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn buckets_follow_each_other_and_are_narrow() {
+        let mut last = 0;
+        for nanos in (0..5000).chain([1 << 20, (1 << 20) + 1024, 1 << 35, LARGEST]) {
+            let bucket = bucket(nanos);
+            assert!(bucket == last || bucket == last + 1 || nanos >= 5000);
+            let end = upper_end(bucket);
+            assert!(end >= nanos && end - nanos <= nanos / 1024, "{nanos} {end}");
+            last = bucket;
+        }
+    }
+
+    #[test]
+    fn percentiles() {
+        let mut histogram = Histogram::default();
+        assert_eq!(histogram.percentile(0.5), Duration::ZERO);
+        for nanos in 1..=1000 {
+            histogram.record(Duration::from_nanos(nanos));
+        }
+        histogram.record(Duration::from_secs(100));
+        assert_eq!(histogram.percentile(0.5), Duration::from_nanos(501));
+        assert_eq!(histogram.percentile(0.99), Duration::from_nanos(991));
+        assert_eq!(histogram.max(), Duration::from_secs(100));
+        assert_eq!(histogram.count(), 1001);
+    }
+
+    #[test]
+    fn what_is_absorbed_is_counted_once() {
+        let (mut all, mut second) = (Histogram::default(), Histogram::default());
+        second.record(Duration::from_micros(3));
+        all.absorb(&mut second);
+        second.record(Duration::from_micros(5));
+        all.absorb(&mut second);
+        assert_eq!((all.count(), second.count()), (2, 0));
+        assert_eq!(all.max(), Duration::from_micros(5));
+        assert_eq!(all.percentile(1.0), Duration::from_micros(5));
+        assert_eq!(second.max(), Duration::ZERO);
+    }
+}

@@ -1,0 +1,187 @@
+//! When what is written waits for more, so that several samples share a datagram and many datagrams a system call
+//! (LATENCY_BUDGET, DDS 1.4 section 2.2.3.8).
+//!
+//! A writer may have a latency budget. One that has none waits all the same once the app does nothing but write, a
+//! sample every few microseconds: whoever pings, answers, or publishes at a rate never gets there. What waits is
+//! sent when there is enough of it, when the app does something else, or after the time [`Patience`] allows.
+
+use std::time::{Duration, Instant};
+
+use rtps_user::qos::{History, Qos};
+
+/// Writes in a row after which the app is taken to stream.
+const STREAM: u32 = 4;
+/// Between two writes of a stream there is less time than any round trip takes: an app that answers does not stream.
+const GAP: Duration = Duration::from_micros(20);
+/// For how long a sample of a stream waits: a stream writes hundreds of them in that time.
+const PAUSE: Duration = Duration::from_micros(100);
+/// Payload that is enough to be sent.
+const ENOUGH: usize = 32 * 1024;
+/// What a sample takes beside its payload.
+const OVERHEAD: usize = 36;
+/// No hint of an app keeps its samples longer.
+const LONGEST: Duration = Duration::from_millis(100);
+
+/// How far the samples of a writer may be held back.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Patience {
+    budget: Duration,
+    /// One more would push a sample out of the history that has not been sent.
+    samples: u32,
+}
+
+impl Patience {
+    /// What a writer's policies allow.
+    pub(crate) fn of(qos: &Qos) -> Self {
+        Self {
+            budget: qos
+                .latency_budget
+                .0
+                .to_std()
+                .map_or(LONGEST, |budget| budget.min(LONGEST)),
+            samples: match qos.history {
+                History::KeepLast(depth) => depth,
+                History::KeepAll => u32::MAX,
+            },
+        }
+    }
+}
+
+/// See the module.
+#[derive(Debug, Default)]
+pub(super) struct Batching {
+    row: u32,
+    last: Option<Instant>,
+    due: Option<Instant>,
+    bytes: usize,
+    room: u32,
+}
+
+impl Batching {
+    /// A sample of `len` bytes was written. Whether it waits; else everything that waits is to be sent.
+    pub(super) fn holds(&mut self, now: Instant, len: usize, patience: Patience) -> bool {
+        let last = self.last.replace(now);
+        let follows = last.is_some_and(|last| now.saturating_duration_since(last) <= GAP);
+        self.row = if follows {
+            self.row.saturating_add(1)
+        } else {
+            0
+        };
+        let wait = match self.row {
+            ..STREAM => patience.budget,
+            _ => patience.budget.max(PAUSE),
+        };
+        if self.due.is_none() {
+            (self.bytes, self.room) = (0, u32::MAX);
+        }
+        self.bytes += len + OVERHEAD;
+        self.room = self.room.min(patience.samples).saturating_sub(1);
+        let due = self.due.map_or(now + wait, |due| due.min(now + wait));
+        self.due = Some(due);
+        now < due && self.bytes < ENOUGH && self.room > 0
+    }
+
+    /// The app does something else.
+    pub(super) fn interrupt(&mut self) {
+        self.row = 0;
+        self.due = None;
+    }
+
+    /// Something came that the app may answer.
+    pub(super) fn expect_answer(&mut self) {
+        self.row = 0;
+    }
+
+    /// Everything was sent.
+    pub(super) fn sent(&mut self) {
+        self.due = None;
+    }
+
+    /// When what waits is to be sent; `None` when nothing waits.
+    pub(super) fn due(&self) -> Option<Instant> {
+        self.due
+    }
+
+    /// Whether something waits, and does so for longer.
+    pub(super) fn is_holding(&self, now: Instant) -> bool {
+        self.due.is_some_and(|due| now < due)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rtps_user::qos::LatencyBudget;
+    use rtps_user::wire;
+
+    use super::*;
+
+    fn patience(budget_us: u64, history: History) -> Patience {
+        let budget = Duration::from_micros(budget_us);
+        Patience::of(&Qos {
+            latency_budget: LatencyBudget(wire::Duration::from_std(budget)),
+            history,
+            ..Qos::default()
+        })
+    }
+
+    /// Writes `count` samples `gap_us` apart; which of them wait.
+    fn write(gap_us: u64, count: usize, len: usize, patience: Patience) -> Vec<bool> {
+        let (mut batching, mut now) = (Batching::default(), Instant::now());
+        let write = |_| {
+            now += Duration::from_micros(gap_us);
+            let holds = batching.holds(now, len, patience);
+            if !holds {
+                batching.sent();
+            }
+            holds
+        };
+        (0..count).map(write).collect()
+    }
+
+    #[test]
+    fn a_stream_is_gathered() {
+        let held = write(1, 1000, 100, patience(0, History::KeepAll));
+        assert_eq!(held[..4], [false; 4]);
+        let sent = held[4..].iter().filter(|held| !**held).count();
+        assert!((5..20).contains(&sent), "{sent}");
+    }
+
+    #[test]
+    fn who_pauses_does_not_stream() {
+        let held = write(50, 100, 100, patience(0, History::KeepAll));
+        assert!(!held.contains(&true));
+    }
+
+    #[test]
+    fn large_samples_do_not_wait() {
+        let held = write(1, 100, 40_000, patience(0, History::KeepAll));
+        assert!(!held.contains(&true));
+    }
+
+    #[test]
+    fn nothing_is_pushed_out_of_the_history_unsent() {
+        let held = write(1, 100, 100, patience(0, History::KeepLast(1)));
+        assert!(!held.contains(&true));
+        let held = write(1, 100, 100, patience(0, History::KeepLast(3)));
+        assert!(held[4..].windows(3).all(|window| window.contains(&false)));
+        assert!(held.contains(&true));
+    }
+
+    #[test]
+    fn a_latency_budget_is_used_at_any_rate() {
+        let held = write(300, 100, 100, patience(1000, History::KeepAll));
+        let sent = held.iter().filter(|held| !**held).count();
+        assert!((15..40).contains(&sent), "{sent}");
+    }
+
+    #[test]
+    fn the_app_does_something_else() {
+        let (mut batching, now) = (Batching::default(), Instant::now());
+        let patience = patience(1000, History::KeepAll);
+        assert!(batching.holds(now, 100, patience));
+        assert!(batching.is_holding(now));
+        assert!(!batching.is_holding(now + Duration::from_millis(1)));
+        batching.interrupt();
+        assert!(!batching.is_holding(now));
+    }
+}
