@@ -61,12 +61,13 @@ impl Outbound {
         if !self.producer.is_awaited() {
             return;
         }
-        // Who has not read since is on its way, and does not sleep again before it has.
-        let consumed = Some(self.producer.consumed());
-        if self.woken_at == consumed {
+        // Who has not read since is on its way, and does not sleep again before it has. Who has read everything needs no
+        // waking, and would be taken for being on its way without anything to read.
+        let consumed = self.producer.consumed();
+        if self.woken_at == Some(consumed) || self.producer.published() == consumed {
             return;
         }
-        self.woken_at = consumed;
+        self.woken_at = Some(consumed);
         // A full pipe has not been read yet, and wakes.
         let _ = self.wake.write(&[0]);
     }

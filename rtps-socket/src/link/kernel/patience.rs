@@ -13,6 +13,8 @@ const ROUNDS: u32 = 2;
 const MOMENT: Duration = Duration::from_micros(50);
 /// The most occasions that are let pass before it is tried again.
 const MAX_PAUSE: u32 = 4096;
+/// While it is worth it, one of so many times is measured: to look at the clock takes as long as all else here.
+const MEASURED: u32 = 8;
 
 /// See the module.
 #[derive(Clone, Copy, Debug, Default)]
@@ -23,6 +25,8 @@ pub(super) struct Patience {
     skip: u32,
     /// How many were let pass last time; 0 while it is worth it.
     pause: u32,
+    /// Answers since the last one that was measured.
+    answers: u32,
 }
 
 impl Patience {
@@ -40,20 +44,73 @@ impl Patience {
             self.skip -= 1;
             return false;
         }
-        let start = Instant::now();
+        let is_measured = self.pause > 0 || self.answers >= MEASURED;
+        let start = is_measured.then(Instant::now);
         let answered = (0..ROUNDS).any(|_| {
             thread::yield_now();
             has_come()
         });
-        self.judge(answered && start.elapsed() < MOMENT);
+        let took_long = start.is_some_and(|start| start.elapsed() >= MOMENT);
+        self.answers = if is_measured { 0 } else { self.answers + 1 };
+        self.judge(answered && !took_long);
         answered
     }
 
     fn judge(&mut self, was_worth_it: bool) {
-        self.pause = match (was_worth_it, self.pause) {
-            (true, _) => 0,
-            (false, pause) => (2 * pause).clamp(1, MAX_PAUSE),
+        self.pause = match was_worth_it {
+            true => 0,
+            false => (2 * self.pause).clamp(1, MAX_PAUSE),
         };
         self.skip = self.pause;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::Cell;
+
+    use super::*;
+
+    /// How often others were let run on so many occasions.
+    fn tries(patience: &mut Patience, occasions: u32, has_come: impl Fn() -> bool) -> u32 {
+        let tries = Cell::new(0);
+        for _ in 0..occasions {
+            patience.note_traffic();
+            patience.wait(|| {
+                tries.set(tries.get() + 1);
+                has_come()
+            });
+        }
+        tries.get()
+    }
+
+    #[test]
+    fn answers_keep_it_going() {
+        assert_eq!(tries(&mut Patience::default(), 6, || true), 6);
+    }
+
+    #[test]
+    fn without_answers_it_gets_rare() {
+        let mut patience = Patience::default();
+        assert!(tries(&mut patience, 1_000, || false) <= 10 * ROUNDS);
+        assert!(tries(&mut patience, 100_000, || false) <= 32 * ROUNDS);
+    }
+
+    #[test]
+    fn slow_answers_are_slept_for() {
+        let slowly = || {
+            thread::sleep(2 * MOMENT);
+            true
+        };
+        assert!(tries(&mut Patience::default(), 200, slowly) <= MEASURED + 10);
+    }
+
+    #[test]
+    fn who_sends_nothing_expects_nothing() {
+        let mut patience = Patience::default();
+        assert!(!patience.wait(|| panic!("nobody would answer")));
+        patience.note_traffic();
+        assert!(patience.wait(|| true));
+        assert!(!patience.wait(|| panic!("that was answered")));
     }
 }

@@ -152,6 +152,11 @@ impl Producer {
         is_new
     }
 
+    /// How far the consumer may read.
+    pub(super) fn published(&self) -> u64 {
+        self.published
+    }
+
     /// Whether the consumer wants to be woken.
     pub(super) fn is_awaited(&self) -> bool {
         self.pages.is_waiting().load(Ordering::Relaxed) != 0

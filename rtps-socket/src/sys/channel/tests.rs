@@ -121,6 +121,19 @@ fn only_who_sleeps_is_woken_and_only_once() {
 }
 
 #[test]
+fn who_has_read_before_it_could_be_woken_is_woken_the_next_time() {
+    let mut channel = Channel::new();
+    channel.inbound.arm();
+    channel.outbound.producer.put(b"read at once");
+    channel.outbound.producer.publish();
+    assert_eq!(channel.receive(9).len(), 1);
+    channel.outbound.wake();
+    assert_eq!(channel.wakes(), 0);
+    channel.send(b"next");
+    assert_eq!(channel.wakes(), 1);
+}
+
+#[test]
 fn the_pipe_never_fills() {
     let mut channel = Channel::new();
     let epoll = Epoll::new().unwrap();
