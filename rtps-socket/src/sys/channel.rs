@@ -17,6 +17,8 @@ use std::io::{self, Read, Write};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::sync::Arc;
 use std::sync::atomic::{Ordering, fence};
+use std::thread;
+use std::time::{Duration, Instant};
 
 pub(crate) use self::ring::Inlet;
 use self::ring::{Consumer, Producer};
@@ -28,7 +30,12 @@ pub(crate) struct Outbound {
     wake: File,
     /// Where the other side had read to when it was woken last.
     woken_at: Option<u64>,
+    /// Where the other side had read to when it was waited for in vain.
+    stuck_at: Option<u64>,
 }
+
+/// How long another app is given to read what is in a full ring. One that runs makes room in less.
+const PATIENCE: Duration = Duration::from_micros(500);
 
 impl Outbound {
     /// Maps the ring to fill; `wake` is the pipe that wakes the other side.
@@ -37,22 +44,41 @@ impl Outbound {
             producer: Producer::map(&File::from(ring))?,
             wake: wake.into(),
             woken_at: None,
+            stuck_at: None,
         })
     }
 
-    /// Sends datagrams, and wakes the other side if it sleeps. False when it has no room for all: the rest is left out.
-    pub(crate) fn send<'a>(&mut self, datagrams: impl Iterator<Item = &'a [u8]>) -> bool {
-        let mut have_fit = true;
-        for datagram in datagrams {
-            have_fit = self.producer.put(datagram);
-            if !have_fit {
-                break;
-            }
-        }
+    /// Sends datagrams, and wakes the other side if it sleeps. A side that reads more slowly than this one writes is
+    /// waited for, but for a moment only. False when it has no room for all then: the rest is left out.
+    pub(crate) fn send<'a>(&mut self, mut datagrams: impl Iterator<Item = &'a [u8]>) -> bool {
+        let have_fit =
+            datagrams.all(|datagram| self.producer.put(datagram) || self.put_in_time(datagram));
+        self.publish();
+        have_fit
+    }
+
+    fn publish(&mut self) {
         if self.producer.publish() {
             self.wake();
         }
-        have_fit
+    }
+
+    /// Writes a datagram as soon as there is room. Who stands still is waited for only once.
+    fn put_in_time(&mut self, datagram: &[u8]) -> bool {
+        self.publish();
+        let consumed = Some(self.producer.consumed());
+        if self.stuck_at == consumed {
+            return false;
+        }
+        let end = Instant::now() + PATIENCE;
+        while !self.producer.put(datagram) {
+            if Instant::now() >= end {
+                self.stuck_at = Some(self.producer.consumed());
+                return false;
+            }
+            thread::yield_now();
+        }
+        true
     }
 
     fn wake(&mut self) {

@@ -103,6 +103,30 @@ fn of_a_burst_comes_what_there_is_room_for() {
 }
 
 #[test]
+fn a_reader_that_stands_still_is_waited_for_once() {
+    let mut channel = Channel::new();
+    while channel.send(&[1; 1000]) {}
+    let start = Instant::now();
+    for _ in 0..10_000 {
+        assert!(!channel.send(&[2; 1000]));
+    }
+    assert!(start.elapsed() < 1_000 * PATIENCE);
+    let Channel {
+        mut outbound,
+        mut inbound,
+        ring: _ring,
+    } = channel;
+    let reader = thread::spawn(move || {
+        let mut buffer = Vec::new();
+        while inbound.drain(1, &mut buffer, |_| ()) > 0 || !buffer.starts_with(&[3]) {
+            thread::yield_now();
+        }
+    });
+    while !outbound.send(std::iter::once(&[3u8; 1000][..])) {}
+    reader.join().unwrap();
+}
+
+#[test]
 fn only_who_sleeps_is_woken_and_only_once() {
     let mut channel = Channel::new();
     channel.send(b"awake");
