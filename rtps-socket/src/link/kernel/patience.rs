@@ -1,20 +1,22 @@
 //! Whether to let other processes run before going to sleep.
 //!
 //! Two apps that answer each other on one CPU need no wake-ups: each only has to let the other run. Where that does
-//! not bring an answer at once, because the other app is on another CPU or does something else, or where a third
-//! process takes the CPU instead, it is tried more and more rarely.
+//! not bring an answer at once, because the other app is on another CPU or does something else, it is tried more and
+//! more rarely. Where a third process wants the CPU, that runs instead, for as long as the scheduler likes and no
+//! wake-up helps; then it is not tried for a while.
 
 use std::thread;
 use std::time::{Duration, Instant};
 
 /// How often others are let run in a row. The system may choose the same process again.
 const ROUNDS: u32 = 2;
-/// An answer that takes longer had better been slept for.
-const MOMENT: Duration = Duration::from_micros(50);
-/// The most occasions that are let pass before it is tried again.
+/// The most occasions without an answer that are let pass before it is tried again.
 const MAX_PAUSE: u32 = 4096;
-/// While it is worth it, one of so many times is measured: to look at the clock takes as long as all else here.
-const MEASURED: u32 = 8;
+/// When others have run for longer, the answer had better been slept for.
+const MOMENT: Duration = Duration::from_micros(50);
+/// For how long it is not tried after that, at first and at most.
+const REST_MIN: Duration = Duration::from_millis(100);
+const REST_MAX: Duration = Duration::from_secs(2);
 
 /// See the module.
 #[derive(Clone, Copy, Debug, Default)]
@@ -25,8 +27,14 @@ pub(super) struct Patience {
     skip: u32,
     /// How many were let pass last time; 0 while it is worth it.
     pause: u32,
-    /// Answers since the last one that was measured.
-    answers: u32,
+    /// When others had run last.
+    last: Option<Instant>,
+    /// They may have run for too long: the next time is measured. To look at the clock twice each time takes too long.
+    is_suspicious: bool,
+    /// Until when it is or was not tried, and for how long that is.
+    rests_until: Option<Instant>,
+    rest: Duration,
+    is_resting: bool,
 }
 
 impl Patience {
@@ -44,24 +52,45 @@ impl Patience {
             self.skip -= 1;
             return false;
         }
-        let is_measured = self.pause > 0 || self.answers >= MEASURED;
-        let start = is_measured.then(Instant::now);
+        if self.rests() {
+            return false;
+        }
+        let start = self.is_suspicious.then(Instant::now);
         let answered = (0..ROUNDS).any(|_| {
             thread::yield_now();
             has_come()
         });
-        let took_long = start.is_some_and(|start| start.elapsed() >= MOMENT);
-        self.answers = if is_measured { 0 } else { self.answers + 1 };
-        self.judge(answered && !took_long);
-        answered
-    }
-
-    fn judge(&mut self, was_worth_it: bool) {
-        self.pause = match was_worth_it {
+        self.note_time(start, Instant::now());
+        self.pause = match answered {
             true => 0,
             false => (2 * self.pause).clamp(1, MAX_PAUSE),
         };
         self.skip = self.pause;
+        answered
+    }
+
+    fn rests(&mut self) -> bool {
+        if self.is_resting && self.rests_until.is_none_or(|end| end <= Instant::now()) {
+            self.is_resting = false;
+            self.is_suspicious = true;
+        }
+        self.is_resting
+    }
+
+    /// Others have run, from `start` on where that was measured.
+    fn note_time(&mut self, start: Option<Instant>, now: Instant) {
+        let last = self.last.replace(now);
+        let is_long = |since: Option<Instant>| since.is_some_and(|since| now - since >= MOMENT);
+        if is_long(start) {
+            let is_again = self.rests_until.is_some_and(|end| now < end + REST_MAX);
+            self.rest = match is_again {
+                true => (2 * self.rest).min(REST_MAX),
+                false => REST_MIN,
+            };
+            self.rests_until = Some(now + self.rest);
+            self.is_resting = true;
+        }
+        self.is_suspicious = start.is_none() && is_long(last);
     }
 }
 
@@ -102,7 +131,10 @@ mod tests {
             thread::sleep(2 * MOMENT);
             true
         };
-        assert!(tries(&mut Patience::default(), 200, slowly) <= MEASURED + 10);
+        let mut patience = Patience::default();
+        assert!(tries(&mut patience, 200, slowly) <= 3);
+        thread::sleep(REST_MIN);
+        assert_eq!(tries(&mut patience, 200, slowly), 1, "once more");
     }
 
     #[test]
