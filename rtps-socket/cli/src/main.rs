@@ -7,6 +7,8 @@ mod perf;
 mod stop;
 
 use clap::{Parser, Subcommand};
+use tracing_subscriber::EnvFilter;
+use tracing_subscriber::filter::LevelFilter;
 
 /// The command-line tool of the RTPS-socket API.
 #[derive(Debug, Parser)]
@@ -25,12 +27,19 @@ enum Command {
 
 fn main() -> anyhow::Result<()> {
     let cli = Cli::parse();
-    tracing_subscriber::fmt()
-        .with_env_filter(tracing_subscriber::EnvFilter::from_default_env())
-        .with_writer(std::io::stderr)
-        .init();
+    log();
     stop::catch_signals()?;
     match cli.command {
         Command::Perf(perf) => perf.run(),
+    }
+}
+
+/// Logs to standard error what RUST_LOG asks for, else errors. The filter is only made where it is needed: it would take
+/// a good part of the memory that is measured.
+fn log() {
+    let log = tracing_subscriber::fmt().with_writer(std::io::stderr);
+    match std::env::var_os("RUST_LOG") {
+        Some(_) => log.with_env_filter(EnvFilter::from_default_env()).init(),
+        None => log.with_max_level(LevelFilter::ERROR).init(),
     }
 }

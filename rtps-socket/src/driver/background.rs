@@ -58,8 +58,13 @@ fn drive<'a>(shared: &'a Shared, mut core: MutexGuard<'a, Core>) -> MutexGuard<'
         shared.release(core);
         return shared.lock();
     };
+    // Who naps is woken by the interrupt alone.
+    let descriptors = match core.seat.naps {
+        true => shared.interrupt.as_fd(),
+        false => shared.epoll.as_fd(),
+    };
     shared.release(core);
-    let fds = [shared.epoll.as_fd(), shared.dismissal.as_fd()];
+    let fds = [descriptors, shared.dismissal.as_fd()];
     let [has_arrived, is_dismissed] = wait_readable(fds, timeout).unwrap_or_else(|error| {
         tracing::error!(%error, "the background thread cannot wait");
         thread::sleep(ERROR_PAUSE);

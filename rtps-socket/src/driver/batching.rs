@@ -92,7 +92,7 @@ impl Batching {
         self.row = 0;
     }
 
-    /// Everything was sent.
+    /// What waits was sent, or is to be sent now.
     pub(super) fn sent(&mut self) {
         self.due = None;
     }

@@ -249,12 +249,14 @@ impl Core {
         self.batching.due()?;
         let end = self.poll_timeout()?;
         self.seat.sleeps_until = Some(Sleep::Until(end));
+        self.seat.naps = true;
         Some(Some(end.saturating_duration_since(now)))
     }
 
     /// The sleep is over.
     pub(super) fn awake(&mut self) {
         self.seat.sleeps_until = None;
+        self.seat.naps = false;
         self.link.awake();
     }
 

@@ -161,7 +161,8 @@ impl Shared {
         if !core.note_write(now, len, patience) {
             core.batching.sent();
             core.receive(now, Wakeups::default());
-            self.look_briefly(&mut core, now, true);
+            let is_alone = core.seat.holder == Holder::Nobody;
+            self.look_briefly(&mut core, now, is_alone);
             self.release(core);
         } else if !was_holding {
             core.seat.is_wanted |= !core.seat.is_external && core.seat.holder == Holder::Nobody;

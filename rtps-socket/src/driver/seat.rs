@@ -40,6 +40,8 @@ pub(crate) struct Seat {
     pub(super) looked: Option<Instant>,
     /// Until when the holder sleeps at the latest, while it sleeps.
     pub(super) sleeps_until: Option<Sleep>,
+    /// The holder sleeps without looking at the descriptors: others may.
+    pub(super) naps: bool,
     /// Threads that wait for the holder to find something for them.
     pub(super) followers: usize,
     /// Something happened that a follower may wait for.
@@ -70,6 +72,11 @@ impl Seat {
     pub(super) fn is_mine(&self) -> bool {
         self.thread
             .is_some_and(|held| held == thread::current().id())
+    }
+
+    /// Whether nobody else looks at the descriptors.
+    pub(super) fn is_free(&self) -> bool {
+        !self.is_external && (self.holder == Holder::Nobody || self.naps)
     }
 
     /// Whether nobody has looked at the descriptors for `period`.

@@ -25,7 +25,7 @@ impl Shared {
         let mut has_looked = false;
         let mut spinning = Spinning::new(self.busy_poll);
         let mut now = Instant::now();
-        core.batching.interrupt();
+        core.batching.sent();
         core.receive(now, Wakeups::default());
         let found = loop {
             let found = look(&mut core, now);
@@ -73,12 +73,11 @@ impl Shared {
     /// Looks at the descriptors in a call that does not wait: a caller who only ever polls gets all the same what comes
     /// through them. Whether it was time to, and something was there.
     pub(super) fn look_briefly(&self, core: &mut Core, now: Instant, is_busy: bool) -> bool {
-        let is_free = core.seat.holder == Holder::Nobody && !core.seat.is_external;
         let period = match core.layer() {
             LayerKind::InProcess if !is_busy => Duration::ZERO,
             LayerKind::InProcess | LayerKind::Kernel => LOOK_PERIOD,
         };
-        if !is_free || !core.seat.is_unseen(now, period) {
+        if !core.seat.is_free() || !core.seat.is_unseen(now, period) {
             return false;
         }
         let wakeups = self.look(core, now);

@@ -93,8 +93,7 @@ impl RawReader {
         }
         core.endpoints
             .reader_mut(id)?
-            .take(1, &Selection::default())
-            .pop()
+            .take_next(&Selection::default())
     }
 
     /// Its name.

@@ -144,6 +144,64 @@ fn one_datagram_serves_all_matched_readers() {
 }
 
 #[test]
+fn datagrams_are_appended_to_what_is_there() {
+    let mut apps = Apps::new();
+    apps.write();
+    let mut out = b"before".to_vec();
+    assert!(apps.writing.poll_transmit(apps.now, &mut out).is_some());
+    apps.deliver(out.strip_prefix(b"before").unwrap()).unwrap();
+    let before = out.clone();
+    assert!(apps.writing.poll_transmit(apps.now, &mut out).is_none());
+    assert_eq!(out, before);
+
+    apps.now += Duration::from_secs(1);
+    apps.writing.handle_timeout(apps.now);
+    for heartbeat in apps.written() {
+        apps.deliver(&heartbeat).unwrap();
+    }
+    let mut out = b"before".to_vec();
+    assert!(apps.reading.poll_transmit(apps.now, &mut out).is_some());
+    let acknack = out.strip_prefix(b"before").unwrap();
+    let result = apps.writing.handle_datagram(apps.now, ADDRESS, acknack);
+    assert_eq!(result, Ok(()));
+    while apps.reading.poll_transmit(apps.now, &mut out).is_some() {}
+    let before = out.clone();
+    assert!(apps.reading.poll_transmit(apps.now, &mut out).is_none());
+    assert_eq!(out, before);
+}
+
+#[test]
+fn a_place_that_is_used_again_belongs_to_its_new_endpoint() {
+    let mut apps = Apps::new();
+    let removed = apps.readers[0];
+    apps.write();
+    let datagram = apps.written().remove(0);
+    apps.deliver(&datagram).unwrap();
+    apps.reading.remove(removed);
+    let config = ReaderConfig::new(
+        Guid::new(
+            apps.reading.prefix(),
+            EntityId::of_app(3, 9, EntityKind::ReaderNoKey),
+        ),
+        qos(),
+    );
+    let added = config.guid.entity;
+    apps.reading.add_reader(config);
+    apps.now += Duration::from_secs(1);
+    apps.reading.handle_timeout(apps.now);
+    apps.write();
+    for datagram in apps.written() {
+        apps.deliver(&datagram).unwrap();
+    }
+    assert!(apps.reading.reader(removed).is_none());
+    assert!(apps.reading.reader(added).is_some_and(Reader::is_empty));
+    assert_eq!(
+        apps.reading.reader(apps.readers[1]).map(Reader::len),
+        Some(2)
+    );
+}
+
+#[test]
 fn unmatched_and_removed_readers_get_nothing() {
     let mut apps = Apps::new();
     apps.reading.unmatch(apps.now, apps.readers[0], apps.writer);

@@ -14,6 +14,8 @@ pub struct HistoryCache {
     changes: Changes,
     instances: Instances,
     bytes: usize,
+    /// Of all changes that were ever taken in.
+    weight: u64,
     journal: Option<VecDeque<Entry>>,
 }
 
@@ -58,7 +60,9 @@ impl HistoryCache {
             older.newer = Some(sequence);
         }
         self.bytes += change.payload.len();
-        self.changes.push(sequence, CacheChange::new(change, older));
+        let change = CacheChange::new(change, self.weight, older);
+        self.weight += change.weight();
+        self.changes.push(sequence, change);
         self.note(Entry::Inserted(sequence));
     }
 
@@ -110,6 +114,12 @@ impl HistoryCache {
     /// Bytes of all payloads.
     pub fn bytes(&self) -> usize {
         self.bytes
+    }
+
+    /// The weight of the changes from `sequence` on, and of those that were taken out from among them.
+    pub fn weight_from(&self, sequence: SequenceNumber) -> u64 {
+        let first = self.changes.next_from(sequence);
+        first.map_or(0, |(_, change)| self.weight - change.before)
     }
 
     /// Instances that have changes in here.

@@ -64,6 +64,8 @@ pub struct CacheChange {
     pub payload: Bytes,
     /// The source timestamp.
     pub timestamp: Timestamp,
+    /// The weight of all changes before this one, also of those that are not there any more.
+    pub(super) before: u64,
     /// The change of the same instance before this one that is still in the history.
     pub(super) older: Option<SequenceNumber>,
     /// The change of the same instance after this one that is still in the history.
@@ -71,15 +73,24 @@ pub struct CacheChange {
 }
 
 impl CacheChange {
-    pub(super) fn new(change: NewChange, older: Option<SequenceNumber>) -> Self {
+    /// What a change costs beside its payload, in the history as well as on the wire and in the inboxes of readers.
+    pub const OVERHEAD: usize = 128;
+
+    pub(super) fn new(change: NewChange, before: u64, older: Option<SequenceNumber>) -> Self {
         Self {
             kind: change.kind,
             instance: change.instance,
             payload: change.payload,
             timestamp: change.timestamp,
+            before,
             older,
             newer: None,
         }
+    }
+
+    /// Bytes that count when it comes to how much is on its way.
+    pub fn weight(&self) -> u64 {
+        (self.payload.len() + Self::OVERHEAD) as u64
     }
 
     /// What the payload is on the wire.

@@ -281,7 +281,6 @@ impl Layer {
         if let Some(change) = self.poll_publication() {
             return Some(LayerOutput::Kernel(change));
         }
-        out.clear();
         self.discovery
             .poll_transmit(now, out)
             .map(LayerOutput::Transmit)

@@ -10,6 +10,7 @@ use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
 use super::reassembly::Limit;
+use super::repair_time::RepairTime;
 use super::writer_proxy::WriterProxy;
 use super::{ReaderConfig, ReaderTiming};
 use crate::count::Count;
@@ -17,6 +18,8 @@ use crate::wire::{AckNack, MessageWriter, NackFrag, SequenceNumber, SequenceNumb
 
 /// Requests that are remembered; of older ones it is forgotten that they were made.
 const MAX_REQUESTS: usize = 16;
+/// How often something is asked for while nothing is heard of the writer.
+const MAX_UNANSWERED: u32 = 4;
 /// Bytes of a message with INFO_DST and the longest ACKNACK.
 const ACKNACK_MESSAGE_LEN: usize = 20 + 16 + 60;
 /// Bytes of a NACK_FRAG with a full bitmap and its header.
@@ -34,6 +37,9 @@ pub(super) struct Responder {
     acknack_count: Count,
     nack_frag_count: Count,
     requests: VecDeque<Request>,
+    repair_time: RepairTime,
+    /// How often something was asked for since the writer was heard.
+    unanswered: u32,
     /// How long to wait for an answer to the last greeting.
     patience: Duration,
     greetings: u32,
@@ -70,21 +76,46 @@ impl Responder {
         latest.at.checked_add(timing.nack_suppression)
     }
 
+    /// The writer is there to answer.
+    pub(super) fn heard(&mut self) {
+        self.unanswered = 0;
+    }
+
+    /// What was asked for at that time has come.
+    pub(super) fn measured(&mut self, now: Instant, asked: Instant) {
+        self.repair_time
+            .measured(now.saturating_duration_since(asked));
+    }
+
     /// Whether `number` is the last of those that were asked for together; they are on the way no more then.
-    pub(super) fn completes(&mut self, number: SequenceNumber) -> bool {
+    pub(super) fn completes(&mut self, now: Instant, number: SequenceNumber) -> bool {
         if self.requests.is_empty() {
             return false;
         }
-        let before = self.requests.len();
-        self.requests.retain(|request| request.last != number);
-        self.requests.len() < before
+        self.forget(now, |request| request.last == number)
     }
 
     /// As [`completes`](Self::completes), for all numbers below `next`.
-    pub(super) fn completes_below(&mut self, next: SequenceNumber) -> bool {
-        let before = self.requests.len();
-        self.requests.retain(|request| request.last >= next);
-        self.requests.len() < before
+    pub(super) fn completes_below(&mut self, now: Instant, next: SequenceNumber) -> bool {
+        self.forget(now, |request| request.last < next)
+    }
+
+    /// Forgets the requests that are answered; returns whether there was one.
+    fn forget(&mut self, now: Instant, is_answered: impl Fn(&Request) -> bool) -> bool {
+        let first = self.requests.iter().find(|request| is_answered(request));
+        let Some(asked) = first.map(|request| request.at) else {
+            return false;
+        };
+        self.measured(now, asked);
+        self.requests.retain(|request| !is_answered(request));
+        true
+    }
+
+    /// Something is asked for; returns when to look whether it has come. A writer that does not answer has to be
+    /// heard first.
+    fn ask(&mut self, now: Instant, patience: Duration) -> Option<Instant> {
+        self.unanswered = self.unanswered.saturating_add(1);
+        (self.unanswered <= MAX_UNANSWERED).then(|| now + patience)
     }
 
     fn remember(&mut self, now: Instant, timing: &ReaderTiming, asked: &SequenceNumberSet) {
@@ -135,21 +166,35 @@ impl WriterProxy {
         config: &ReaderConfig,
         out: &mut Vec<u8>,
     ) -> (bool, Option<Instant>) {
-        let timing = &config.timing;
+        let patience = self
+            .responder
+            .repair_time
+            .patience(config.timing.nack_suppression);
+        let timing = &ReaderTiming {
+            nack_suppression: patience,
+            fragment_silence: config.timing.fragment_silence.min(patience),
+            ..config.timing
+        };
         let sets = config.datagram_size.saturating_sub(ACKNACK_MESSAGE_LEN) / NACK_FRAG_LEN;
         let bytes = timing.max_requested_bytes.max(LEAST_REQUESTED_BYTES);
         let mut limit = Limit {
             sets: sets.max(1),
             bytes,
         };
-        let announced = self.announced();
-        let (fragments, later) = self.reassembly.requests(now, announced, timing, &mut limit);
+        let (announced, newest) = (self.announced(), self.newest_held());
+        let (fragments, later) = self
+            .reassembly
+            .requests(now, announced, newest, timing, &mut limit);
         // However large it is, one has to come some day.
         let least = usize::from(limit.bytes == bytes);
         let most = self.changes_in(limit.bytes).max(least);
         let (missing, again) = self.missing_now(now, timing, most);
-        let again = [again, later].into_iter().flatten().min();
         self.responder.remember(now, timing, &missing);
+        let is_asking = !missing.is_empty() || !fragments.is_empty();
+        let retry = is_asking
+            .then(|| self.responder.ask(now, patience))
+            .flatten();
+        let again = [again, later, retry].into_iter().flatten().min();
         let asks = self.filter.ask();
         // An answer that says nothing new can wait for what is to be asked for soon.
         let says_nothing = missing.is_empty()

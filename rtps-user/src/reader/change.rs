@@ -40,7 +40,7 @@ impl Change {
 }
 
 /// What a DATA and the DATA_FRAGs of a sample say of a change beside its payload.
-#[derive(Clone, Copy, Debug)]
+#[derive(Debug)]
 pub(super) struct Arrival {
     pub(super) writer: Guid,
     pub(super) sequence: SequenceNumber,
@@ -107,7 +107,7 @@ impl Arrival {
         }
     }
 
-    pub(super) fn into_change(self, instance: KeyHash, payload: Bytes) -> Change {
+    pub(super) fn to_change(&self, instance: KeyHash, payload: Bytes) -> Change {
         Change {
             writer: self.writer,
             sequence: self.sequence,

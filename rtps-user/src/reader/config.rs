@@ -64,14 +64,15 @@ impl fmt::Debug for ReaderConfig {
 pub struct ReaderTiming {
     /// heartbeatResponseDelay: how long the answer to a HEARTBEAT waits for more to answer at once.
     pub heartbeat_response_delay: Duration,
-    /// How long after it was asked for a missing sample or fragment is not asked for again: its repair is on the
-    /// way.
+    /// How long at the most after it was asked for a missing sample or fragment is not asked for again, because its
+    /// repair is on the way. It is less where the writer's repairs have been seen to come sooner.
     pub nack_suppression: Duration,
     /// Bytes of missing samples and fragments that are asked for at once, so that their repairs find room where the
     /// reader's datagrams wait. When the last of them has come, more are asked for.
     pub max_requested_bytes: usize,
-    /// How long fragments of a sample must have ceased to come before those behind the last received one count
-    /// as lost, and not just as not sent yet.
+    /// How long at the most fragments of the newest sample must have ceased to come before those behind the last
+    /// received one count as lost, and not just as not sent yet. It is less where repairs have been seen to come
+    /// sooner.
     pub fragment_silence: Duration,
     /// How soon the ACKNACK that greets a writer is repeated while no HEARTBEAT answers it; doubles each time.
     pub greeting_period: Duration,

@@ -20,6 +20,7 @@ mod instance;
 mod liveliness;
 mod ranges;
 mod reassembly;
+mod repair_time;
 mod sample;
 #[cfg(test)]
 mod tests;
@@ -159,17 +160,10 @@ impl Reader {
         timestamp: Option<Timestamp>,
         data: &Data<'_>,
     ) {
-        let Some(proxy) = self.proxies.get_mut(writer) else {
+        let Some(place) = self.heard(now, writer, Sign::Writer) else {
             return;
         };
-        self.now = Some(now);
-        self.watch.heard(
-            now,
-            writer,
-            &mut proxy.lease,
-            Sign::Writer,
-            &mut self.events,
-        );
+        let proxy = &mut self.proxies[place];
         if !proxy.wants(data.sequence, data.payload.len()) {
             return;
         }
@@ -181,7 +175,7 @@ impl Reader {
             inline_qos: data.inline_qos,
             kind: data.kind,
         };
-        self.receive(now, arrival, Payload::Borrowed(data.payload), false);
+        self.receive(place, &arrival, Payload::Borrowed(data.payload), None);
     }
 
     /// DATA_FRAG of a writer, with the source timestamp that the message said before it.
@@ -192,17 +186,10 @@ impl Reader {
         timestamp: Option<Timestamp>,
         data: &DataFrag<'_>,
     ) {
-        let Some(proxy) = self.proxies.get_mut(writer) else {
+        let Some(place) = self.heard(now, writer, Sign::Writer) else {
             return;
         };
-        self.now = Some(now);
-        self.watch.heard(
-            now,
-            writer,
-            &mut proxy.lease,
-            Sign::Writer,
-            &mut self.events,
-        );
+        let proxy = &mut self.proxies[place];
         if !proxy.wants(data.sequence, data.sample_size as usize) {
             return;
         }
@@ -215,7 +202,10 @@ impl Reader {
         proxy.note_size(data.sample_size as usize);
         let assembled = match proxy.reassembly.add(now, timestamp, data) {
             Progress::Complete(assembled) => assembled,
-            Progress::Repaired => return self.answer(now, writer),
+            Progress::Repaired(asked) => {
+                proxy.responder.measured(now, asked);
+                return self.answer(now, writer);
+            }
             Progress::Incomplete => return,
         };
         let arrival = Arrival {
@@ -227,45 +217,36 @@ impl Reader {
             kind: assembled.kind,
         };
         let payload = Payload::Owned(assembled.payload);
-        self.receive(now, arrival, payload, assembled.is_repaired);
+        self.receive(place, &arrival, payload, assembled.asked);
     }
 
     /// GAP of a writer.
     pub fn handle_gap(&mut self, now: Instant, writer: Guid, gap: &Gap) {
-        let Some(proxy) = self.proxies.get_mut(writer) else {
+        let Some(place) = self.heard(now, writer, Sign::Protocol) else {
             return;
         };
-        self.now = Some(now);
-        self.watch.heard(
-            now,
-            writer,
-            &mut proxy.lease,
-            Sign::Protocol,
-            &mut self.events,
-        );
+        let proxy = &mut self.proxies[place];
         proxy.gap(gap, &mut self.cache, &mut self.events);
         if proxy.is_blocked() {
             self.blocked.insert(writer);
         }
         let next = proxy.next();
-        if proxy.responder.completes_below(next) && proxy.lacks_something() {
+        if proxy.responder.completes_below(now, next) && proxy.lacks_something() {
             self.answer(now, writer);
         }
     }
 
     /// HEARTBEAT of a writer.
     pub fn handle_heartbeat(&mut self, now: Instant, writer: Guid, heartbeat: &Heartbeat) {
-        let Some(proxy) = self.proxies.get_mut(writer) else {
-            return;
-        };
-        self.now = Some(now);
         let sign = if heartbeat.liveliness {
             Sign::Writer
         } else {
             Sign::Protocol
         };
-        self.watch
-            .heard(now, writer, &mut proxy.lease, sign, &mut self.events);
+        let Some(place) = self.heard(now, writer, sign) else {
+            return;
+        };
+        let proxy = &mut self.proxies[place];
         let validity = self.config.timing.heartbeat_count_validity;
         if !proxy.is_reliable() || !proxy.filter.is_new(now, heartbeat.count, validity) {
             return;
@@ -284,16 +265,10 @@ impl Reader {
 
     /// HEARTBEAT_FRAG of a writer.
     pub fn handle_heartbeat_frag(&mut self, now: Instant, writer: Guid, heartbeat: &HeartbeatFrag) {
-        let Some(proxy) = self.proxies.get_mut(writer) else {
+        let Some(place) = self.heard(now, writer, Sign::Protocol) else {
             return;
         };
-        self.watch.heard(
-            now,
-            writer,
-            &mut proxy.lease,
-            Sign::Protocol,
-            &mut self.events,
-        );
+        let proxy = &mut self.proxies[place];
         let (sequence, last) = (heartbeat.sequence, heartbeat.last_fragment);
         if proxy.is_reliable() && proxy.reassembly.announce(sequence, last) {
             self.answer(now, writer);
@@ -441,14 +416,27 @@ impl Reader {
         self.proxies.get(writer).map(WriterProxy::next)
     }
 
-    /// Takes in a change that is wanted, of which fragments may have been asked for.
-    fn receive(&mut self, now: Instant, arrival: Arrival, payload: Payload<'_>, is_repaired: bool) {
-        let Arrival {
-            writer, sequence, ..
-        } = arrival;
-        let Some(proxy) = self.proxies.get_mut(writer) else {
-            return;
-        };
+    /// Something has come from a writer; returns the place of its proxy.
+    fn heard(&mut self, now: Instant, writer: Guid, sign: Sign) -> Option<u32> {
+        let place = self.proxies.find(writer)?;
+        let proxy = &mut self.proxies[place];
+        self.now = Some(now);
+        self.watch
+            .heard(now, writer, &mut proxy.lease, sign, &mut self.events);
+        proxy.responder.heard();
+        Some(place)
+    }
+
+    /// Takes in a change that is wanted, of which fragments may have been asked for at that time.
+    fn receive(
+        &mut self,
+        place: u32,
+        arrival: &Arrival,
+        payload: Payload<'_>,
+        asked: Option<Instant>,
+    ) {
+        let (now, writer, sequence) = (arrival.reception, arrival.writer, arrival.sequence);
+        let proxy = &mut self.proxies[place];
         proxy.receive(
             &self.config,
             arrival,
@@ -459,8 +447,11 @@ impl Reader {
         if proxy.is_blocked() {
             self.blocked.insert(writer);
         }
-        let completes = proxy.responder.completes(sequence);
-        if (completes || is_repaired) && proxy.lacks_something() {
+        if let Some(asked) = asked {
+            proxy.responder.measured(now, asked);
+        }
+        let completes = proxy.responder.completes(now, sequence);
+        if (completes || asked.is_some()) && proxy.lacks_something() {
             self.answer(now, writer);
         }
     }

@@ -28,8 +28,8 @@ const STALE: std::time::Duration = std::time::Duration::from_secs(1);
 pub(super) enum Progress {
     /// Nothing that somebody waits for.
     Incomplete,
-    /// The last of the fragments that were asked for: it is time to ask for more.
-    Repaired,
+    /// The last of the fragments that were asked for then: it is time to ask for more.
+    Repaired(Instant),
     /// The rest of a sample.
     Complete(Assembled),
 }
@@ -41,8 +41,8 @@ pub(super) struct Assembled {
     pub(super) inline_qos: InlineQos,
     pub(super) kind: PayloadKind,
     pub(super) payload: Bytes,
-    /// Fragments of it had to be asked for.
-    pub(super) is_repaired: bool,
+    /// When fragments of it had to be asked for.
+    pub(super) asked: Option<Instant>,
 }
 
 /// How much is to be asked for at once.
@@ -134,11 +134,9 @@ impl Reassembly {
         partial.add(now, fragment);
         self.bytes += partial.buffer.len() - before;
         if !partial.is_complete() {
-            return if partial.completes_request(fragment) {
-                Progress::Repaired
-            } else {
-                Progress::Incomplete
-            };
+            return partial
+                .completes_request(fragment)
+                .map_or(Progress::Incomplete, Progress::Repaired);
         }
         match self.take(fragment.sequence) {
             Some(partial) => Progress::Complete(partial.into_assembled()),
@@ -163,16 +161,21 @@ impl Reassembly {
     }
 
     /// The fragments to ask for now, within `limit`, of the samples up to `last` and of those announced by fragments;
-    /// and when to look again for what is not to be asked for yet. Takes what is asked for, and what is on its way
-    /// because it was, from the limit.
+    /// and when to look again for what is not to be asked for yet. All fragments have been sent of samples before
+    /// `newest`. Takes what is asked for, and what is on its way because it was, from the limit.
     pub(super) fn requests(
         &mut self,
         now: Instant,
         last: SequenceNumber,
+        newest: SequenceNumber,
         timing: &ReaderTiming,
         limit: &mut Limit,
     ) -> (Vec<Request>, Option<Instant>) {
         let (mut requests, mut again) = (Vec::new(), None);
+        let newest = self
+            .partials
+            .last_key_value()
+            .map_or(newest, |(sequence, _)| newest.max(*sequence));
         for (&sequence, partial) in &mut self.partials {
             if limit.sets == 0 {
                 break;
@@ -180,7 +183,7 @@ impl Reassembly {
             if sequence > last && partial.announced == 0 {
                 continue;
             }
-            let (sets, later) = partial.request(now, timing, limit);
+            let (sets, later) = partial.request(now, sequence < newest, timing, limit);
             requests.extend(
                 sets.into_iter()
                     .map(|missing| Request { sequence, missing }),
@@ -316,15 +319,16 @@ impl Partial {
         }
     }
 
-    /// Whether these are the last fragments that were asked for; they are on the way no more then.
-    fn completes_request(&mut self, fragment: &DataFrag<'_>) -> bool {
+    /// When these were asked for, if they are the last of those; they are on the way no more then.
+    fn completes_request(&mut self, fragment: &DataFrag<'_>) -> Option<Instant> {
+        let (last, asked) = self.asked?;
         let first = i64::from(fragment.first_fragment);
         let numbers = first..first + i64::from(fragment.fragment_count);
-        let completes = self.asked.is_some_and(|(last, _)| numbers.contains(&last));
-        if completes {
-            self.asked = None;
+        if !numbers.contains(&last) {
+            return None;
         }
-        completes
+        self.asked = None;
+        Some(asked)
     }
 
     fn into_assembled(self) -> Assembled {
@@ -333,7 +337,7 @@ impl Partial {
             inline_qos: self.inline_qos,
             kind: self.kind,
             payload: Bytes::from(self.buffer),
-            is_repaired: self.asked.is_some(),
+            asked: self.asked.map(|(_, asked)| asked),
         }
     }
 
@@ -341,10 +345,11 @@ impl Partial {
     fn request(
         &mut self,
         now: Instant,
+        is_overtaken: bool,
         timing: &ReaderTiming,
         limit: &mut Limit,
     ) -> (Vec<FragmentNumberSet>, Option<Instant>) {
-        let (fragments, again) = self.askable(now, timing);
+        let (fragments, again) = self.askable(now, is_overtaken, timing);
         let size = usize::from(self.fragment_size);
         let mut room = limit.bytes / size;
         let on_their_way = self.received.missing(1..fragments.start).take(room);
@@ -375,9 +380,14 @@ impl Partial {
     }
 
     /// The fragments that may be asked for now if they are missing, and when others may. Those behind the last
-    /// received one may not have been sent yet while others still come, and the repairs of those asked for
-    /// lately may be on their way.
-    fn askable(&self, now: Instant, timing: &ReaderTiming) -> (Range<i64>, Option<Instant>) {
+    /// received one may not have been sent yet while others still come, unless a newer sample has overtaken this one;
+    /// and the repairs of those asked for lately may be on their way.
+    fn askable(
+        &self,
+        now: Instant,
+        is_overtaken: bool,
+        timing: &ReaderTiming,
+    ) -> (Range<i64>, Option<Instant>) {
         let all = i64::from(self.total()) + 1;
         let silent_from = self.arrived + timing.fragment_silence;
         let sent = self
@@ -385,7 +395,7 @@ impl Partial {
             .end()
             .unwrap_or(1)
             .max(i64::from(self.announced) + 1);
-        let (end, silence) = if now < silent_from && sent < all {
+        let (end, silence) = if now < silent_from && sent < all && !is_overtaken {
             (sent, Some(silent_from))
         } else {
             (all, None)

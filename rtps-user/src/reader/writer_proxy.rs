@@ -25,7 +25,9 @@ use crate::wire::{Gap, Guid, Heartbeat, SequenceNumber, SequenceNumberSet};
 /// What the GUID prefixes of Fast DDS begin with: its vendor id, as RTPS 2.5 section 9.3.1.5 asks for.
 const FAST_DDS: [u8; 2] = [0x01, 0x0f];
 /// Changes held because one before them is missing, or because the cache is full.
-const MAX_HELD: usize = 8192;
+const MAX_HELD: usize = 1 << 16;
+/// What a change that is held takes beside its payload.
+const HELD_OVERHEAD: usize = 256;
 /// Ranges of numbers that are dealt with beyond missing ones.
 const MAX_RANGES: usize = 4096;
 
@@ -127,6 +129,13 @@ impl WriterProxy {
         self.announced
     }
 
+    /// The newest change that is held.
+    pub(super) fn newest_held(&self) -> SequenceNumber {
+        self.held
+            .last_key_value()
+            .map_or(SequenceNumber::ZERO, |(sequence, _)| *sequence)
+    }
+
     /// How many changes are held.
     pub(super) fn held_count(&self) -> usize {
         self.held.len()
@@ -189,7 +198,7 @@ impl WriterProxy {
     pub(super) fn receive(
         &mut self,
         config: &ReaderConfig,
-        arrival: Arrival,
+        arrival: &Arrival,
         payload: Payload<'_>,
         cache: &mut Cache,
         events: &mut Events,
@@ -197,7 +206,7 @@ impl WriterProxy {
         self.note_size(payload.as_slice().len());
         match arrival.meaning(config, payload.as_slice()) {
             Meaning::Update(instance) => {
-                let change = arrival.into_change(instance, payload.into_bytes());
+                let change = arrival.to_change(instance, payload.into_bytes());
                 self.accept(change, cache, events);
             }
             Meaning::Irrelevant => self.skip(arrival.sequence, cache, events),
@@ -369,7 +378,7 @@ impl WriterProxy {
             match cache.admit(first.get()) {
                 Ok(place) => {
                     let change = first.remove();
-                    self.held_bytes -= change.payload.len();
+                    self.held_bytes -= change.payload.len() + HELD_OVERHEAD;
                     cache.store(place, change, events);
                 }
                 Err(reason) => {
@@ -397,7 +406,7 @@ impl WriterProxy {
     fn hold(&mut self, change: Change) {
         self.done
             .insert(change.sequence.0..change.sequence.next().0);
-        self.held_bytes += change.payload.len();
+        self.held_bytes += change.payload.len() + HELD_OVERHEAD;
         self.held.insert(change.sequence, change);
     }
 

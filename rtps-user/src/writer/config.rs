@@ -29,7 +29,8 @@ pub struct WriterTiming {
     pub heartbeat_period: Duration,
     /// What the doubled period does not exceed.
     pub heartbeat_period_max: Duration,
-    /// After so many changes a HEARTBEAT travels with the last, without waiting for the period.
+    /// After so many changes a HEARTBEAT travels with the last, without waiting for the period. What is written at
+    /// once counts as one: there a HEARTBEAT comes four times in each window.
     pub heartbeat_samples: u32,
     /// nackResponseDelay: how long a request waits for others before it is answered.
     pub nack_response_delay: Duration,
@@ -38,9 +39,13 @@ pub struct WriterTiming {
     pub nack_suppression: Duration,
     /// What the doubled suppression does not exceed.
     pub nack_suppression_max: Duration,
-    /// Unacknowledged bytes after which a reliable KEEP_ALL writer takes no more for the moment, so that it can't
-    /// run ahead of its slowest reader without bound.
+    /// The window: unacknowledged bytes, each change counted with its payload and
+    /// [`CacheChange::OVERHEAD`](crate::history::CacheChange::OVERHEAD), from which on a reliable KEEP_ALL writer takes
+    /// no more until half of them are acknowledged. It shall fit the inboxes of the readers: it becomes smaller when
+    /// they lose something, and larger again when they don't, up to this.
     pub max_unacknowledged_bytes: usize,
+    /// What the window does not become smaller than.
+    pub min_unacknowledged_bytes: usize,
     /// What the counts of HEARTBEATs follow; without it they go up by one.
     pub count_clock: Option<CountClock>,
 }
@@ -54,7 +59,8 @@ impl Default for WriterTiming {
             nack_response_delay: Duration::ZERO,
             nack_suppression: Duration::from_millis(2),
             nack_suppression_max: Duration::from_millis(100),
-            max_unacknowledged_bytes: 16 << 20,
+            max_unacknowledged_bytes: 1 << 20,
+            min_unacknowledged_bytes: 64 << 10,
             count_clock: None,
         }
     }

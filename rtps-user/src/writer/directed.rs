@@ -32,13 +32,29 @@ impl Writer {
         if self.next_answer.take_if(|due| *due <= now).is_none() {
             return;
         }
-        let waiting = |(guid, proxy): (&Guid, &ReaderProxy)| {
-            proxy.outbox.not_before().is_some().then_some(*guid)
-        };
-        let readers: Vec<Guid> = self.readers.iter().filter_map(waiting).collect();
+        let waiting = |proxy: &&ReaderProxy| proxy.outbox.not_before().is_some();
+        let readers = self.readers.values().filter(waiting);
+        let readers: Vec<Guid> = readers.map(ReaderProxy::guid).collect();
         for reader in readers {
+            let proxy = self.readers.get(&reader);
+            if proxy.is_some_and(|proxy| proxy.outbox.not_before() <= Some(now)) {
+                self.refill(reader);
+            }
             self.enqueue(now, reader);
         }
+    }
+
+    /// A reader has answered or waited long enough to be sent more.
+    pub(super) fn refill(&mut self, reader: Guid) {
+        let budget = self.repair_budget();
+        if let Some(proxy) = self.readers.get_mut(&reader) {
+            proxy.outbox.refill(budget);
+        }
+    }
+
+    /// Bytes that one reader alone may be sent at once: with what all are sent, they shall fit its inbox.
+    pub(super) fn repair_budget(&self) -> usize {
+        self.window.size() / 2
     }
 
     /// The next datagram for a single reader.
@@ -50,6 +66,9 @@ impl Writer {
             self.queue.pop_front();
             if let Some(proxy) = self.readers.get_mut(&reader) {
                 proxy.is_queued = false;
+                if proxy.outbox.is_paused() {
+                    self.enqueue(now, reader);
+                }
             }
         }
         None

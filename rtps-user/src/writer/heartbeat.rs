@@ -1,7 +1,8 @@
 //! When HEARTBEATs are sent (RTPS 2.5 section 8.4.7.1, heartbeatPeriod; 8.4.9.2.7).
 //!
-//! As few as will do, since each costs every reader an ACKNACK: one travels with every so many changes, one
-//! follows a fragmented change, and a timer reminds the readers that have not acknowledged what they were sent.
+//! As few as will do, since each costs every reader an ACKNACK: one travels with every so many changes or bytes, one
+//! follows a fragmented change after which there is nothing to send, and a timer reminds the readers that have not
+//! acknowledged what they were sent.
 
 use std::time::{Duration, Instant};
 
@@ -17,8 +18,28 @@ pub(super) struct Heartbeats {
     /// Of any.
     highest: Count,
     deadline: Option<Instant>,
-    changes_since: u32,
+    /// What was sent to all readers since the last one.
+    since: Sent,
     is_due: bool,
+}
+
+/// What has been sent, or how much of it makes a HEARTBEAT due.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Sent {
+    pub(super) changes: u32,
+    /// Bytes of the changes.
+    pub(super) weight: u64,
+    /// How often all that there was to be sent had been.
+    pub(super) flushes: u32,
+}
+
+impl Sent {
+    fn reaches(&self, limits: &Self) -> bool {
+        self.changes > 0
+            && (self.changes >= limits.changes
+                || self.weight >= limits.weight
+                || self.flushes >= limits.flushes)
+    }
 }
 
 impl Heartbeats {
@@ -53,11 +74,24 @@ impl Heartbeats {
         last.value()
     }
 
-    /// A change has been sent to reliable readers.
-    pub(super) fn handle_sent(&mut self, now: Instant, period: Duration, every: u32) {
-        self.changes_since += 1;
-        self.is_due |= self.changes_since >= every;
+    /// Changes have been sent to reliable readers.
+    pub(super) fn handle_sent(
+        &mut self,
+        now: Instant,
+        period: Duration,
+        sent: Sent,
+        limits: &Sent,
+    ) {
+        self.since.changes = self.since.changes.saturating_add(sent.changes);
+        self.since.weight += sent.weight;
+        self.since.flushes = self.since.flushes.saturating_add(sent.flushes);
+        self.is_due |= self.since.reaches(limits);
         self.arm(now + period);
+    }
+
+    /// A writer waits for acknowledgements of what it has sent.
+    pub(super) fn hurry_if_sent(&mut self) {
+        self.is_due |= self.since.changes > 0;
     }
 
     /// The readers are to answer at once, for whatever reason.
@@ -73,7 +107,7 @@ impl Heartbeats {
     /// One was sent to all readers.
     pub(super) fn sent_to_all(&mut self) {
         self.is_due = false;
-        self.changes_since = 0;
+        self.since = Sent::default();
     }
 
     /// Makes the timer go off at `deadline` at the latest.

@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use super::heartbeat::Sent;
 use super::{Packet, Position, Writer};
 use crate::Transmit;
 use crate::wire::{Heartbeat, SequenceNumber, SequenceNumberSet};
@@ -101,10 +102,16 @@ impl Writer {
         }
         let layout = self.layout;
         let mut packet = Packet::undirected(out, &layout);
-        if !self.announce_fragments(now, &mut packet) {
+        // While there is more to send, a HEARTBEAT is a datagram of its own, so that those around it stay equally long.
+        let is_owed = self.heartbeats.is_due();
+        if !is_owed && !self.announce_fragments(now, &mut packet) {
             self.fill_changes(now, &mut packet);
         }
-        if self.wants_heartbeat_to_all() && packet.has_room_for_heartbeat() {
+        let is_drained = self.live.end() > self.last;
+        if self.wants_heartbeat_to_all()
+            && (is_owed || is_drained)
+            && packet.has_room_for_heartbeat()
+        {
             self.heartbeat_to_all(now, &mut packet);
         }
         let is_sent = packet.finish();
@@ -140,32 +147,36 @@ impl Writer {
 
     fn fill_changes(&mut self, now: Instant, packet: &mut Packet<'_>) {
         let is_reliable = self.has_reliable_readers();
+        let mut sent = Sent::default();
+        let mut ends_with_fragment = false;
         while self.live.end() <= self.last {
             let next = self.history.next_from(self.live.end());
             let sequence = next.map_or_else(|| self.last.next(), |(sequence, _)| sequence);
             if !self.live.skip_removed(sequence, is_reliable, packet) {
-                return;
+                break;
             }
             let Some((_, change)) = next else {
-                return;
+                break;
             };
-            let is_done = packet.change(&mut self.live.position, change);
-            if !is_done {
-                return;
+            if !packet.change(&mut self.live.position, change) {
+                break;
             }
-            let is_fragmented = self.layout.is_fragmented(change.payload.len());
-            self.handle_sent(now, is_fragmented);
+            sent.changes += 1;
+            sent.weight += change.weight();
+            ends_with_fragment = self.layout.is_fragmented(change.payload.len());
+        }
+        if is_reliable && sent.changes > 0 {
+            let is_drained = self.live.end() > self.last;
+            sent.flushes = u32::from(is_drained);
+            self.handle_sent(now, sent, is_drained && ends_with_fragment);
         }
     }
 
-    fn handle_sent(&mut self, now: Instant, is_fragmented: bool) {
-        if !self.has_reliable_readers() {
-            return;
-        }
+    fn handle_sent(&mut self, now: Instant, sent: Sent, is_urgent: bool) {
+        let limits = self.sent_per_heartbeat();
         let period = self.config.timing.heartbeat_period;
-        self.heartbeats
-            .handle_sent(now, period, self.changes_per_heartbeat());
-        if is_fragmented {
+        self.heartbeats.handle_sent(now, period, sent, &limits);
+        if is_urgent {
             self.heartbeats.hurry();
         }
     }

@@ -20,6 +20,7 @@ mod retention;
 mod suppression;
 #[cfg(test)]
 mod tests;
+mod window;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::net::SocketAddr;
@@ -35,7 +36,8 @@ use liveliness::Lease;
 use packet::{Layout, Packet};
 use position::Position;
 use publication::Publisher;
-use reader_proxy::ReaderProxy;
+use reader_proxy::{Base, ReaderProxy};
+use window::Window;
 
 use crate::history::{HistoryCache, NewChange};
 use crate::qos::{Durability, LivelinessKind, Qos};
@@ -55,6 +57,9 @@ pub struct Writer {
     destinations: Arc<[SocketAddr]>,
     /// What all reliable readers have acknowledged; `None` without any.
     lowest_acknowledged: Option<SequenceNumber>,
+    window: Window,
+    /// Changes from here on count in the window; `None` without reliable readers.
+    window_base: Option<SequenceNumber>,
     heartbeats: Heartbeats,
     lease: Lease,
     /// Readers that are to be sent something of their own.
@@ -81,6 +86,8 @@ impl Writer {
         Self {
             layout: Layout::new(config.guid, config.datagram_size),
             heartbeats: Heartbeats::new(config.timing.count_clock),
+            window: Window::new(&config.timing),
+            window_base: None,
             config,
             history: HistoryCache::default(),
             last: SequenceNumber::ZERO,
@@ -126,7 +133,11 @@ impl Writer {
     /// # Errors
     /// Where the history has no room for it.
     pub fn write(&mut self, now: Instant, change: NewChange) -> Result<SequenceNumber, WriteError> {
-        self.make_room(&change)?;
+        let room = self.make_room(&change);
+        if room == Err(WriteError::HistoryFull) {
+            self.heartbeats.hurry_if_sent();
+        }
+        room?;
         self.last = self.last.next();
         self.note_unregistration(change.kind, self.last);
         if self.keeps_past() || !self.readers.is_empty() {
@@ -197,9 +208,15 @@ impl Writer {
         let Some(proxy) = self.readers.get_mut(&reader) else {
             return;
         };
-        let before = proxy.acknowledged();
+        let before = proxy.base();
         let timing = &self.config.timing;
-        proxy.handle_acknack(now, acknack, self.live.end(), timing);
+        if !proxy.handle_acknack(now, acknack, self.live.end(), timing) {
+            return;
+        }
+        if let Some(lost) = proxy.newest_lost(acknack, self.live.end()) {
+            self.window.handle_loss(lost, self.live.untouched());
+        }
+        self.refill(reader);
         self.settle_progress(reader, before);
         self.enqueue(now, reader);
     }
@@ -207,7 +224,7 @@ impl Writer {
     /// A reader has all changes below `base`, and what it may want has been sent to it by another.
     pub fn acknowledge(&mut self, now: Instant, reader: Guid, base: SequenceNumber) {
         if let Some(proxy) = self.readers.get_mut(&reader) {
-            let before = proxy.acknowledged();
+            let before = proxy.base();
             proxy.acknowledge(now, base, self.live.end(), &self.config.timing);
             self.settle_progress(reader, before);
         }
@@ -224,8 +241,12 @@ impl Writer {
         if let Some(proxy) = self.readers.get_mut(&reader) {
             let last = nack.missing.iter().last().unwrap_or_default();
             let is_sent = self.live.has_sent(nack.sequence, last);
-            proxy.handle_nack_frag(now, nack, is_sent, &self.config.timing);
-            self.enqueue(now, reader);
+            if is_sent && proxy.handle_nack_frag(now, nack, &self.config.timing) {
+                self.window
+                    .handle_loss(nack.sequence, self.live.untouched());
+                self.refill(reader);
+                self.enqueue(now, reader);
+            }
         }
     }
 
@@ -268,12 +289,14 @@ impl Writer {
         let wants_past = self.keeps_past() && remote.qos.durability != Durability::Volatile;
         let next = self.live.untouched();
         let start = if wants_past { SequenceNumber(1) } else { next };
-        let mut proxy = ReaderProxy::new(now, remote, is_reliable, start, &self.config.timing);
+        let mut proxy =
+            ReaderProxy::new(now, remote, is_reliable, start, next, &self.config.timing);
         if is_reliable {
             proxy.outbox.greet(start);
         } else {
             proxy.outbox.replay(start, next);
         }
+        proxy.outbox.refill(self.repair_budget());
         if proxy.lags_behind(self.live.end()) {
             self.heartbeats.arm(proxy.next_heartbeat());
         }
@@ -298,9 +321,13 @@ impl Writer {
     }
 
     /// A reader may have got further than `before`.
-    fn settle_progress(&mut self, reader: Guid, before: SequenceNumber) {
-        let now = self.readers.get(&reader).map(ReaderProxy::acknowledged);
-        if now > Some(before) && Some(before) == self.lowest_acknowledged {
+    fn settle_progress(&mut self, reader: Guid, before: Base) {
+        let Some(now) = self.readers.get(&reader).map(ReaderProxy::base) else {
+            return;
+        };
+        let was_last = Some(before.acknowledged) == self.lowest_acknowledged
+            || Some(before.window) == self.window_base;
+        if now != before && was_last {
             self.refresh_acknowledged();
             self.handle_progress();
         }
@@ -327,13 +354,19 @@ impl Writer {
 
     fn refresh_acknowledged(&mut self) {
         let reliable = self.readers.values().filter(|proxy| proxy.is_reliable());
-        self.lowest_acknowledged = reliable.map(ReaderProxy::acknowledged).min();
+        let bases = reliable.map(ReaderProxy::base);
+        let lowest = bases.reduce(|one, other| one.min(other));
+        self.lowest_acknowledged = lowest.map(|base| base.acknowledged);
+        self.window_base = lowest.map(|base| base.window);
     }
 
     /// The readers need less than before.
     fn handle_progress(&mut self) {
         if self.acknowledged() >= self.live.end().previous() {
             self.heartbeats.disarm();
+        }
+        if let Some(base) = self.window_base {
+            self.window.handle_acknowledged(base, self.live.untouched());
         }
         self.release();
         self.events.acknowledged = true;

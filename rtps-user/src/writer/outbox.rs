@@ -36,6 +36,9 @@ pub(super) struct Outbox {
     /// What a best-effort late joiner gets of the past: the next change, and the first that it gets anyway.
     replay: Option<(Position, SequenceNumber)>,
     heartbeat: bool,
+    /// Bytes that may still be sent before the reader has answered or some time has passed.
+    budget: usize,
+    is_paused: bool,
     not_before: Option<Instant>,
     suppressed_changes: Suppression,
     suppressed_fragments: Suppression,
@@ -82,6 +85,7 @@ impl Outbox {
                 .suppressed_changes
                 .allowed_at(now, request.first())
                 .max(now + timing.nack_response_delay);
+            self.is_paused = false;
             self.not_before = Some(allowed_at);
         }
     }
@@ -106,7 +110,10 @@ impl Outbox {
                 .suppressed_fragments
                 .allowed_at(now, first)
                 .max(now + timing.nack_response_delay);
-            self.not_before = self.not_before.max(Some(allowed_at));
+            let waiting = self
+                .not_before
+                .filter(|_| !std::mem::take(&mut self.is_paused));
+            self.not_before = waiting.max(Some(allowed_at));
         }
     }
 
@@ -117,11 +124,7 @@ impl Outbox {
 
     /// Whether there is nothing to send.
     pub(super) fn is_empty(&self) -> bool {
-        !self.gap_to_start
-            && self.changes.is_none()
-            && self.fragments.is_empty()
-            && self.replay.is_none()
-            && !self.heartbeat
+        !self.gap_to_start && !self.has_repairs() && !self.heartbeat
     }
 
     /// Whether all that remains is a HEARTBEAT.
@@ -134,7 +137,20 @@ impl Outbox {
         self.heartbeat = false;
     }
 
-    /// Appends all but the HEARTBEAT, as long as it fits; gives whether nothing of it remains.
+    /// So many bytes may be sent from now on, until the next call: no more than the reader's inbox takes at once.
+    pub(super) fn refill(&mut self, bytes: usize) {
+        self.budget = bytes;
+        if std::mem::take(&mut self.is_paused) {
+            self.not_before = None;
+        }
+    }
+
+    /// Whether what remains must wait until the reader has answered or some time has passed.
+    pub(super) fn is_paused(&self) -> bool {
+        self.is_paused
+    }
+
+    /// Appends all but the HEARTBEAT, as long as it fits; gives whether nothing of it remains for now.
     pub(super) fn fill(
         &mut self,
         now: Instant,
@@ -143,10 +159,31 @@ impl Outbox {
         packet: &mut Packet<'_>,
     ) -> bool {
         self.not_before = None;
-        self.fill_gap_to_start(source, packet)
-            && self.fill_changes(now, source, timing, packet)
+        if !self.fill_gap_to_start(source, packet) {
+            return false;
+        }
+        if self.budget == 0 && self.has_repairs() {
+            self.pause(now, timing);
+            return true;
+        }
+        let before = packet.len();
+        let is_done = self.fill_changes(now, source, timing, packet)
             && self.fill_fragments(now, source, timing, packet)
-            && self.fill_replay(source, packet)
+            && self.fill_replay(source, packet);
+        self.budget = self.budget.saturating_sub(packet.len() - before);
+        is_done
+    }
+
+    fn has_repairs(&self) -> bool {
+        self.changes.is_some() || !self.fragments.is_empty() || self.replay.is_some()
+    }
+
+    /// The reader is asked how far it has got, so that it need not wait for the time to pass.
+    fn pause(&mut self, now: Instant, timing: &WriterTiming) {
+        let can_answer = self.replay.is_none();
+        self.heartbeat |= can_answer && !self.is_paused;
+        self.is_paused = true;
+        self.not_before = Some(now + timing.nack_suppression);
     }
 
     fn fill_gap_to_start(&mut self, source: &Source<'_>, packet: &mut Packet<'_>) -> bool {

@@ -153,6 +153,11 @@ impl<'a> Packet<'a> {
         self.message.len() == self.prologue
     }
 
+    /// Bytes of the datagram so far.
+    pub(super) fn len(&self) -> usize {
+        self.message.len()
+    }
+
     /// Ends the datagram. Gives whether there is one: where nothing has been appended it is taken back.
     pub(super) fn finish(self) -> bool {
         let is_empty = self.is_empty();

@@ -11,6 +11,26 @@ use crate::RemoteEndpoint;
 use crate::count::Count;
 use crate::wire::{AckNack, Guid, NackFrag, SequenceNumber};
 
+/// How far a reader has got.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub(super) struct Base {
+    /// It has acknowledged everything up to this change.
+    pub(super) acknowledged: SequenceNumber,
+    /// The first change that it lacks of those that were sent to all readers: a late joiner that fetches the past does not
+    /// hold the others up.
+    pub(super) window: SequenceNumber,
+}
+
+impl Base {
+    /// As far as both have got.
+    pub(super) fn min(self, other: Self) -> Self {
+        Self {
+            acknowledged: self.acknowledged.min(other.acknowledged),
+            window: self.window.min(other.window),
+        }
+    }
+}
+
 /// A matched reader.
 #[derive(Debug)]
 pub(super) struct ReaderProxy {
@@ -20,6 +40,8 @@ pub(super) struct ReaderProxy {
     is_reliable: bool,
     /// The first change that concerns it.
     start: SequenceNumber,
+    /// The first change that was sent to all readers while it was among them.
+    live_from: SequenceNumber,
     /// It has acknowledged everything up to this change.
     acknowledged: SequenceNumber,
     acknack_count: LastCount,
@@ -35,12 +57,13 @@ pub(super) struct ReaderProxy {
 }
 
 impl ReaderProxy {
-    /// For a reader that changes from `start` on concern.
+    /// For a reader that changes from `start` on concern, and that gets those from `live_from` on like all others.
     pub(super) fn new(
         now: Instant,
         remote: &RemoteEndpoint,
         is_reliable: bool,
         start: SequenceNumber,
+        live_from: SequenceNumber,
         timing: &WriterTiming,
     ) -> Self {
         Self {
@@ -48,6 +71,7 @@ impl ReaderProxy {
             address: first_address(remote),
             is_reliable,
             start,
+            live_from,
             acknowledged: start.previous(),
             acknack_count: LastCount::default(),
             nack_frag_count: LastCount::default(),
@@ -83,20 +107,35 @@ impl ReaderProxy {
         self.start
     }
 
-    pub(super) fn acknowledged(&self) -> SequenceNumber {
-        self.acknowledged
+    pub(super) fn base(&self) -> Base {
+        Base {
+            acknowledged: self.acknowledged,
+            window: self.acknowledged.next().max(self.live_from),
+        }
     }
 
-    /// Takes in an ACKNACK, where `end` is the first change that has not been sent yet.
+    /// The newest of the changes that the reader says it lacks, though they were sent to it, with the others, before
+    /// `end`.
+    pub(super) fn newest_lost(
+        &self,
+        acknack: &AckNack,
+        end: SequenceNumber,
+    ) -> Option<SequenceNumber> {
+        let sent = self.live_from..end;
+        let missing = acknack.state.iter();
+        missing.filter(|member| sent.contains(member)).last()
+    }
+
+    /// Takes in an ACKNACK, where `end` is the first change that has not been sent yet. Gives whether it counts.
     pub(super) fn handle_acknack(
         &mut self,
         now: Instant,
         acknack: &AckNack,
         end: SequenceNumber,
         timing: &WriterTiming,
-    ) {
+    ) -> bool {
         if !self.is_reliable || !self.acknack_count.accept(now, acknack.count) {
-            return;
+            return false;
         }
         self.acknowledge(now, acknack.state.base, end, timing);
         self.outbox.request_changes(now, acknack.state, end, timing);
@@ -106,6 +145,7 @@ impl ReaderProxy {
             self.answered_at = Some(now);
             self.outbox.announce();
         }
+        true
     }
 
     /// The reader has everything below `base`, where `end` is the first change that has not been sent yet.
@@ -125,19 +165,20 @@ impl ReaderProxy {
         }
     }
 
-    /// Takes in a NACK_FRAG.
+    /// Takes in a NACK_FRAG for fragments that were sent. What is still to be sent will be followed by a HEARTBEAT that
+    /// asks for what is missing then. Gives whether it counts.
     pub(super) fn handle_nack_frag(
         &mut self,
         now: Instant,
         nack: &NackFrag,
-        is_sent: bool,
         timing: &WriterTiming,
-    ) {
-        // What is still to be sent will be followed by a HEARTBEAT that asks for what is missing then.
-        if self.is_reliable && self.nack_frag_count.accept(now, nack.count) && is_sent {
+    ) -> bool {
+        let counts = self.is_reliable && self.nack_frag_count.accept(now, nack.count);
+        if counts {
             self.outbox
                 .request_fragments(now, nack.sequence, nack.missing, timing);
         }
+        counts
     }
 
     /// Whether the reader is to be reminded of changes below `end`.

@@ -1,6 +1,7 @@
 //! Which changes the history takes and keeps: HISTORY, RESOURCE_LIMITS and DURABILITY (DDS 1.4 sections 2.2.3.18,
 //! 2.2.3.19 and 2.2.3.4).
 
+use super::heartbeat::Sent;
 use super::{WriteError, Writer};
 use crate::history::{ChangeKind, Instance, NewChange};
 use crate::qos::{Durability, History};
@@ -20,7 +21,7 @@ impl Writer {
         match (self.config.qos.history, instance) {
             (History::KeepLast(depth), Some(_)) => self.replace_in(change.instance, depth.max(1)),
             (History::KeepLast(_), None) => {}
-            (History::KeepAll, _) if self.is_window_full() => return Err(WriteError::HistoryFull),
+            (History::KeepAll, _) if !self.has_window() => return Err(WriteError::HistoryFull),
             (History::KeepAll, Some(Instance { len, oldest, .. }))
                 if is_reached(len, limits.max_samples_per_instance) =>
             {
@@ -57,17 +58,22 @@ impl Writer {
         }
     }
 
-    /// How many changes a HEARTBEAT may wait for: fewer than fit, or else a history with a limit would fill up
-    /// before its readers are asked for acknowledgements.
-    pub(super) fn changes_per_heartbeat(&self) -> u32 {
+    /// What a HEARTBEAT may wait for: less than fits, or else a history with a limit would fill up before its readers
+    /// are asked for acknowledgements.
+    pub(super) fn sent_per_heartbeat(&self) -> Sent {
+        const PER_WINDOW: usize = 4;
         let limits = self.config.qos.resource_limits;
-        let every = self.config.timing.heartbeat_samples;
-        match self.config.qos.history {
-            History::KeepLast(_) => every,
+        let changes = match self.config.qos.history {
+            History::KeepLast(_) => u32::MAX,
             History::KeepAll => [limits.max_samples, limits.max_samples_per_instance]
                 .into_iter()
                 .flatten()
-                .fold(every, |every, limit| every.min(limit / 4)),
+                .fold(u32::MAX, |changes, limit| changes.min(limit / 4)),
+        };
+        Sent {
+            changes,
+            weight: (self.window.size() / PER_WINDOW) as u64,
+            flushes: self.config.timing.heartbeat_samples,
         }
     }
 
@@ -103,10 +109,12 @@ impl Writer {
         }
     }
 
-    fn is_window_full(&self) -> bool {
-        !self.keeps_past()
-            && self.config.qos.reliability.is_reliable()
-            && self.history.bytes() >= self.config.timing.max_unacknowledged_bytes
+    /// Whether the readers are near enough to take more.
+    fn has_window(&mut self) -> bool {
+        let Some(base) = self.window_base else {
+            return true;
+        };
+        self.window.admits(self.history.weight_from(base))
     }
 
     fn release_unregistered(&mut self, done: SequenceNumber) {

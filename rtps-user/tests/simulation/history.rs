@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use rtps_user::history::CacheChange;
 use rtps_user::qos::{Durability, History, Qos, Reliability, ResourceLimits};
 use rtps_user::wire::{EntityKind, Guid};
 use rtps_user::writer::{WriteError, WriterTiming};
@@ -113,7 +114,7 @@ fn instances_beyond_the_limit_are_refused() {
 #[test]
 fn the_window_bounds_what_is_unacknowledged() {
     let timing = WriterTiming {
-        max_unacknowledged_bytes: 1000,
+        max_unacknowledged_bytes: 10 * (100 + CacheChange::OVERHEAD),
         ..WriterTiming::default()
     };
     let qos = limited(ResourceLimits::default(), Durability::Volatile);

@@ -148,7 +148,7 @@ fn a_writer_withstands_spoofed_acknowledgements() {
 fn one_request_is_not_answered_with_more_than_was_asked_for() {
     let (mut network, writer, reader) = pair(Conditions::PERFECT, 1);
     for number in 1..=1000 {
-        network.write(writer, sample(number, 0, 1000)).unwrap();
+        network.write_blocking(writer, sample(number, 0, 1000));
     }
     network.run_until_acknowledged(writer);
     let before = network.datagrams;

@@ -171,6 +171,24 @@ fn repairs_that_are_lost_are_asked_for_again_when_the_last_has_come() {
 }
 
 #[test]
+fn a_writer_that_does_not_answer_is_left_alone_until_it_is_heard() {
+    let mut bench = Bench::started(reliable(), reliable());
+    bench.heartbeat(1, 1);
+    let asked = |bench: &mut Bench| {
+        let mut answers = 0;
+        for _ in 0..100 {
+            answers += bench.answers().len();
+            bench.wait(20);
+        }
+        answers
+    };
+    assert_eq!(asked(&mut bench), 5);
+    assert_eq!(bench.reader.poll_timeout(), None);
+    bench.heartbeat(1, 1);
+    assert_eq!(asked(&mut bench), 5);
+}
+
+#[test]
 fn no_more_is_asked_for_at_once_than_finds_room() {
     let mut config = ReaderConfig::new(reader_guid(), reliable());
     config.timing.max_requested_bytes = 100_000;

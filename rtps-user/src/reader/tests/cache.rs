@@ -330,3 +330,45 @@ fn topics_without_key_have_one_instance() {
     assert_eq!(sequences(&samples), [2]);
     assert_eq!(samples[0].info.instance, KeyHash::default());
 }
+
+#[test]
+fn samples_are_taken_one_by_one_as_by_many() {
+    let mut bench = bench(reliable());
+    for sequence in 1..=6 {
+        bench.sample(sequence, key((sequence % 2) as u8), ALIVE, &[7]);
+    }
+    let of_one = Selection {
+        instance: Some(key(1)),
+        ..Selection::default()
+    };
+    let first = bench.reader.take_next(&of_one).unwrap();
+    assert_eq!(first.info.sequence.0, 1);
+    assert_eq!(first.info.view_state, ViewState::New);
+    assert_eq!(first.info.sample_rank, 0);
+    let second = bench.reader.take_next(&of_one).unwrap();
+    assert_eq!(second.info.view_state, ViewState::NotNew);
+    let next = std::iter::from_fn(|| bench.reader.take_next(&Selection::default()));
+    assert_eq!(sequences(&next.collect::<Vec<_>>()), [2, 4, 5, 6]);
+    assert!(bench.reader.is_empty());
+}
+
+#[test]
+fn taking_one_makes_room_for_what_waits() {
+    let qos = Qos {
+        resource_limits: ResourceLimits {
+            max_samples: Some(1),
+            ..ResourceLimits::default()
+        },
+        ..reliable()
+    };
+    let mut bench = bench(qos);
+    bench.data(1);
+    bench.data(2);
+    let take = |bench: &mut Bench| {
+        let sample = bench.reader.take_next(&Selection::default());
+        sample.map(|sample| sample.info.sequence.0)
+    };
+    assert_eq!(take(&mut bench), Some(1));
+    assert_eq!(take(&mut bench), Some(2));
+    assert_eq!(take(&mut bench), None);
+}

@@ -216,6 +216,40 @@ fn what_is_missing_of_a_sample_is_asked_for_by_fragments() {
 }
 
 #[test]
+fn all_fragments_have_been_sent_of_a_sample_that_another_has_overtaken() {
+    let (mut bench, whole) = (bench(), sample(500));
+    bench.part(1, 2, &whole);
+    bench.part(2, 2, &whole);
+    bench.heartbeat(1, 2);
+    assert_eq!(
+        bench.answers(),
+        [
+            Answer::AckNack(1, vec![], 3, true),
+            Answer::NackFrag(1, vec![1, 3, 4, 5], 1),
+            Answer::NackFrag(2, vec![1], 2)
+        ]
+    );
+}
+
+#[test]
+fn fragments_that_are_lost_again_are_soon_asked_for_again() {
+    let (mut bench, whole) = (bench(), sample(500));
+    for first in [1, 3, 5] {
+        bench.part(1, first, &whole);
+    }
+    bench.heartbeat(1, 1);
+    assert_eq!(asked(&mut bench), [2, 4]);
+    bench.wait(1);
+    bench.part(1, 4, &whole);
+    assert_eq!(asked(&mut bench), [2]);
+    // That is lost, too; but repairs are known to take a millisecond, and seldom twice as much more.
+    bench.wait(2);
+    assert_eq!(asked(&mut bench), [0; 0]);
+    bench.wait(1);
+    assert_eq!(asked(&mut bench), [2]);
+}
+
+#[test]
 fn a_heartbeat_frag_tells_which_fragments_are_there() {
     let (mut bench, whole) = (bench(), sample(1000));
     bench.heartbeat_frag(1, 10);
