@@ -6,6 +6,7 @@
 //! the folder where maps and programs are pinned, so that two versions never share a map.
 
 mod discovery;
+mod fan_out;
 
 pub use discovery::{
     Announcement, AnnouncementKey, BUDGET_ALL, BUDGET_NEW, BUDGET_NEWS, BUDGET_STRANGERS, BUDGETS,
@@ -13,11 +14,15 @@ pub use discovery::{
     PEER_ANY_ADDRESS, PEER_PROVEN, PEER_SUPERVISED, PUBLICATIONS, Peer, RemoteReader, RemoteWriter,
     SUBMESSAGE_BYTES, SUBSCRIPTIONS, Sample, SampleKey, WRITER_FRAGMENTED, WRITER_INCOMPLETE,
 };
+pub use fan_out::{
+    Destination, FAN_OUT_ADDRESS, FAN_OUT_DESTINATIONS, FAN_OUTS, FAN_OUTS_PER_APP, FanOut,
+    FanOutKey, Sender,
+};
 
 use crate::entity::GuidPrefix;
 
 /// The version of everything in this module.
-pub const ABI_VERSION: u32 = 3;
+pub const ABI_VERSION: u32 = 4;
 
 /// Names of maps and programs, the same in the object and under the pin folder.
 pub mod name {
@@ -57,12 +62,16 @@ pub mod name {
     pub const WRITERS: &str = "writers";
     /// `Hash` from [`SampleKey`](super::SampleKey) to [`Sample`](super::Sample).
     pub const SAMPLES: &str = "samples";
+    /// `Hash` from socket cookie (`u64`) to [`Sender`](super::Sender).
+    pub const SENDERS: &str = "senders";
+    /// `Hash` from [`FanOutKey`](super::FanOutKey) to [`FanOut`](super::FanOut).
+    pub const FAN_OUTS: &str = "fan_outs";
     /// `RingBuf`: what rtpsd has to know of discovery, as records like those of the apps' rings.
     pub const NEWS: &str = "news";
     /// `PerCpuHash` from interface index (`u32`) to `[u64; Counter::COUNT]`; key 0 takes the rest.
     pub const COUNTERS: &str = "counters";
     /// Every map, in the order above.
-    pub const MAPS: [&str; 18] = [
+    pub const MAPS: [&str; 20] = [
         CONFIG,
         DOMAINS,
         PORTS,
@@ -79,6 +88,8 @@ pub mod name {
         ANNOUNCEMENTS,
         WRITERS,
         SAMPLES,
+        SENDERS,
+        FAN_OUTS,
         NEWS,
         COUNTERS,
     ];
@@ -88,6 +99,9 @@ pub mod name {
     pub const FILTER_PROGRAM: &str = "rtps_filter";
     /// The tc program on ingress, which decides on discovery messages and answers them.
     pub const INGRESS_PROGRAM: &str = "rtps_ingress";
+    /// The tc program on egress of the loopback interface, which sends to several destinations what an app sends
+    /// once.
+    pub const FAN_OUT_PROGRAM: &str = "rtps_fan_out";
 }
 
 /// Slots of apps; slot 0 stands for rtpsd and the built-in entities.

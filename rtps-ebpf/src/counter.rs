@@ -108,6 +108,18 @@ counters! {
     LostAnswers => "lost_answers",
     /// Multicast that could not be put back after it was answered, so that nobody else gets it.
     LostOriginal => "lost_original",
+    /// Packets that apps sent once for several destinations: a datagram, or a burst of several.
+    FanOuts => "fan_outs",
+    /// Copies of those sent, one for each destination.
+    FanOutCopies => "fan_out_copies",
+    /// Copies of those that could not be made.
+    LostFanOut => "lost_fan_out",
+    /// Refused, and the app told so: for several destinations, but not from an app's socket.
+    DropFanOutStranger => "drop_fan_out_stranger",
+    /// Refused, and the app told so: for a list of destinations that it does not have.
+    DropFanOutUnknown => "drop_fan_out_unknown",
+    /// Refused, and the app told so: speaks in another's name, is malformed, or too long for a datagram.
+    DropFanOutDenied => "drop_fan_out_denied",
     /// Shorter than an RTPS header.
     TooShort => "malformed_too_short",
     /// Does not begin with "RTPS".

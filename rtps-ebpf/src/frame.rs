@@ -4,7 +4,8 @@
 
 use crate::{bytes::Bytes, counter::Counter};
 
-const ETHERNET_LEN: u32 = 14;
+/// Bytes of an Ethernet header without a VLAN tag.
+pub const ETHERNET_LEN: u32 = 14;
 const ETHERTYPE_OFFSET: u32 = 12;
 const VLAN_TAG_LEN: u32 = 4;
 const ETHERTYPE_IPV4: u16 = 0x0800;
@@ -16,6 +17,12 @@ pub const PROTOCOL_UDP: u8 = 17;
 const IPV6_FRAGMENT_HEADER: u8 = 44;
 /// Bytes of an IPv4 header without options.
 pub const IPV4_MIN_LEN: u32 = 20;
+/// Offset of the checksum in an IPv4 header.
+pub const IPV4_CHECKSUM: u32 = 10;
+/// Offset of the source address in an IPv4 header.
+pub const IPV4_SOURCE: u32 = 12;
+/// Offset of the destination address in an IPv4 header.
+pub const IPV4_DESTINATION: u32 = 16;
 /// Bytes of an IPv6 header.
 pub const IPV6_LEN: u32 = 40;
 /// More-fragments flag and fragment offset.

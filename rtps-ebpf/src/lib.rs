@@ -25,6 +25,7 @@ mod object;
 #[cfg(feature = "object")]
 mod pod;
 pub mod reply;
+pub mod review;
 mod slot_set;
 mod submessage;
 pub mod walk;

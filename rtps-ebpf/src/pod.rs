@@ -4,8 +4,8 @@
 use crate::{
     SlotSet,
     abi::{
-        Announcement, AnnouncementKey, App, Bell, BuiltinWriter, Config, Domain, Interface, Peer,
-        PortConfig, RecordHeader, Sample, SampleKey,
+        Announcement, AnnouncementKey, App, Bell, BuiltinWriter, Config, Destination, Domain,
+        FanOut, FanOutKey, Interface, Peer, PortConfig, RecordHeader, Sample, SampleKey, Sender,
     },
 };
 
@@ -25,12 +25,16 @@ pod!(
     Bell,
     BuiltinWriter,
     Config,
+    Destination,
     Domain,
+    FanOut,
+    FanOutKey,
     Interface,
     Peer,
     PortConfig,
     RecordHeader,
     Sample,
     SampleKey,
+    Sender,
     SlotSet
 );

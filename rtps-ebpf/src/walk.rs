@@ -17,8 +17,8 @@ use crate::{
 pub const MAX_STEPS: u32 = MAX_SUBMESSAGES + 2;
 /// Bytes of an RTPS header: "RTPS", version, vendor, GUID prefix.
 pub(crate) const HEADER_LEN: u32 = 20;
-const MAGIC: u32 = u32::from_be_bytes(*b"RTPS");
-const MAJOR_VERSION: u8 = 2;
+pub(crate) const MAGIC: u32 = u32::from_be_bytes(*b"RTPS");
+pub(crate) const MAJOR_VERSION: u8 = 2;
 /// INFO_DST with this prefix: to everyone.
 pub(crate) const PREFIX_UNKNOWN: GuidPrefix = [0; 12];
 /// The slot of rtpsd, which no app has.

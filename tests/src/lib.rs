@@ -8,6 +8,7 @@
 //! - [`packet`]: frames and RTPS messages for the kernel verdict tables
 //! - [`process`]: child processes that end with the test
 //! - [`peers`], [`ddsperf`]: publishers and subscribers on Cyclone DDS and Fast DDS, and Cyclone DDS's own measure
+//! - [`rustdds`]: RustDDS, for benchmarks
 //! - [`capture`]: what was on the wire, decoded by tshark
 //! - [`debian`], [`require`]: what a machine lacks, and why a test is skipped
 //!
@@ -27,6 +28,9 @@ pub mod pass_all;
 pub mod peers;
 pub mod process;
 pub mod require;
+pub mod rustdds;
 pub mod stage;
 pub mod stream;
 mod sys;
+
+pub use sys::socket_cookie;

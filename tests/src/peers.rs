@@ -50,6 +50,15 @@ pub fn cyclone_discovery() -> Result<Peer> {
     Peer::build(Vendor::CycloneDiscovery)
 }
 
+/// Fast DDS again: round trips and streams, measured like those of `rtps perf`. Its command line is another one (without
+/// arguments it prints it); its events are `ready` and `summary`.
+///
+/// # Errors
+/// Without a compiler or the library, with the command that installs them.
+pub fn fast_dds_perf() -> Result<Peer> {
+    Peer::build(Vendor::FastDdsPerf)
+}
+
 impl Peer {
     /// The program's file.
     #[must_use]
@@ -72,7 +81,7 @@ impl Peer {
             .arg("--interface");
         match self.vendor {
             Vendor::Cyclone | Vendor::CycloneDiscovery => command.arg(&interface.name),
-            Vendor::FastDds => command.arg(interface.v4.to_string()),
+            Vendor::FastDds | Vendor::FastDdsPerf => command.arg(interface.v4.to_string()),
         };
         command
     }
@@ -90,7 +99,9 @@ impl Peer {
         match self.vendor {
             Vendor::Cyclone | Vendor::CycloneDiscovery => command.env("CYCLONEDDS_URI", CYCLONE),
             // The last one counts.
-            Vendor::FastDds => command.args(["--interface", &interface.v6.to_string()]),
+            Vendor::FastDds | Vendor::FastDdsPerf => {
+                command.args(["--interface", &interface.v6.to_string()])
+            }
         };
         command
     }
@@ -127,6 +138,7 @@ enum Vendor {
     Cyclone,
     CycloneDiscovery,
     FastDds,
+    FastDdsPerf,
 }
 
 impl Vendor {
@@ -135,6 +147,7 @@ impl Vendor {
             Self::Cyclone => "cyclone",
             Self::CycloneDiscovery => "cyclone-discovery",
             Self::FastDds => "fastdds",
+            Self::FastDdsPerf => "fastdds-perf",
         }
     }
 
@@ -153,7 +166,7 @@ impl Vendor {
                     ]
                 }
             }
-            Self::FastDds => {
+            Self::FastDds | Self::FastDdsPerf => {
                 &const {
                     [
                         GCC,
@@ -181,6 +194,7 @@ impl Vendor {
                 "shape_type.cpp",
                 "fastdds.cpp",
             ],
+            Self::FastDdsPerf => &["peer.h", "peer.c", "fastdds_perf.cpp"],
         }
     }
 
@@ -203,7 +217,8 @@ impl Vendor {
         match self {
             Self::Cyclone => workshop.cyclone("cyclone.c")?,
             Self::CycloneDiscovery => workshop.cyclone("discovery.c")?,
-            Self::FastDds => workshop.fast_dds()?,
+            Self::FastDds => workshop.fast_dds(&["fastdds.cpp", "shape_type.cpp"], "-O1")?,
+            Self::FastDdsPerf => workshop.fast_dds(&["fastdds_perf.cpp"], "-O2")?,
         }
         // Replaced as a whole: an older program of that name may be running.
         fs::rename(workshop.directory.join("program"), program)?;
@@ -245,11 +260,11 @@ impl Workshop {
         ]))
     }
 
-    fn fast_dds(&self) -> Result<()> {
+    fn fast_dds(&self, sources: &[&str], optimization: &str) -> Result<()> {
         self.run(
             Command::new("g++")
-                .args(["-std=c++17", "-O1", "-o", "program"])
-                .args([source("fastdds.cpp"), source("shape_type.cpp")])
+                .args(["-std=c++17", optimization, "-o", "program"])
+                .args(sources.iter().map(|name| source(name)))
                 .args(["peer.o", "-lfastrtps"]),
         )
     }

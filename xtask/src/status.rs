@@ -39,6 +39,7 @@ fn print(status: &Status) {
             interface.answers
         );
     }
+    println!("fan-out: {}", status.fan_out);
     for domain in &status.domains {
         print_domain(domain);
     }

@@ -87,6 +87,11 @@ impl Batching {
         self.due = None;
     }
 
+    /// The write is over: sending may have taken longer than any gap.
+    pub(super) fn wrote(&mut self, now: Instant) {
+        self.last = Some(now);
+    }
+
     /// Something came that the app may answer.
     pub(super) fn expect_answer(&mut self) {
         self.row = 0;

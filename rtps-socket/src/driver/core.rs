@@ -304,9 +304,11 @@ impl Core {
                 tracing::error!("the layer refuses: {reason}");
                 self.report_all(&StatusEvent::Refused { reason });
             }
-            // What concerns the link alone.
-            FromLayer::Welcome(_) | FromLayer::Channel { .. } | FromLayer::ChannelClosed { .. } => {
-            }
+            // These are for the link.
+            FromLayer::Welcome(_)
+            | FromLayer::FanOut { .. }
+            | FromLayer::Channel { .. }
+            | FromLayer::ChannelClosed { .. } => {}
         }
     }
 

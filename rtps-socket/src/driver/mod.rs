@@ -54,8 +54,8 @@ pub(crate) struct Shared {
     waits: AtomicU64,
     /// Where threads wait while another has the seat.
     followers: Condvar,
-    /// For how long a waiting thread looks for itself before it sleeps.
-    busy_poll: Duration,
+    /// For how long a waiting thread looks for itself before it sleeps, if the app says so.
+    busy_poll: Option<Duration>,
 }
 
 /// A participant: the last handle that goes leaves the domain.
@@ -76,7 +76,7 @@ impl Driver {
     fn start(
         link: Box<dyn Link>,
         epoll: Arc<Epoll>,
-        busy_poll: Duration,
+        busy_poll: Option<Duration>,
     ) -> Result<Self, OpenError> {
         let interrupt = event()?;
         epoll.add(
@@ -163,6 +163,7 @@ impl Shared {
             core.receive(now, Wakeups::default());
             let is_alone = core.seat.holder == Holder::Nobody;
             self.look_briefly(&mut core, now, is_alone);
+            core.batching.wrote(Instant::now());
             self.release(core);
         } else if !was_holding {
             core.seat.is_wanted |= !core.seat.is_external && core.seat.holder == Holder::Nobody;

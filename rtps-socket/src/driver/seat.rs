@@ -3,6 +3,8 @@
 use std::thread::{self, ThreadId};
 use std::time::{Duration, Instant};
 
+use super::spin::Eagerness;
+
 /// A timer may be late by this much when the thread in the seat sleeps: writing in a steady rhythm then never has to
 /// wake it, because it looks that often by itself while there is writing.
 pub(super) const SLACK: Duration = Duration::from_millis(10);
@@ -42,6 +44,8 @@ pub(crate) struct Seat {
     pub(super) sleeps_until: Option<Sleep>,
     /// The holder sleeps without looking at the descriptors: others may.
     pub(super) naps: bool,
+    /// Whether a waiting thread looks for a moment before it sleeps.
+    pub(super) eagerness: Eagerness,
     /// Threads that wait for the holder to find something for them.
     pub(super) followers: usize,
     /// Something happened that a follower may wait for.

@@ -92,7 +92,7 @@ fn open(steering: &Arc<Steering>) -> (Driver, UdpSocket) {
     let address = socket.local_addr().unwrap();
     epoll.add(socket.as_fd(), CONTROL, Interest::Edge).unwrap();
     let link = Box::new(OddLink(Arc::clone(steering)));
-    let driver = Driver::start(link, epoll, Duration::ZERO).unwrap();
+    let driver = Driver::start(link, epoll, None).unwrap();
     socket.send_to(b"readable", address).unwrap();
     (driver, socket)
 }

@@ -23,7 +23,7 @@ impl Shared {
         let is_nested = core.seat.is_mine();
         let mut has_seat = is_nested;
         let mut has_looked = false;
-        let mut spinning = Spinning::new(self.busy_poll);
+        let mut spinning = Spinning::new(self.busy_poll, &mut core.seat.eagerness);
         let mut now = Instant::now();
         core.batching.sent();
         core.receive(now, Wakeups::default());
@@ -136,9 +136,11 @@ impl Shared {
         self.release(core);
         let wakeups = self.epoll.wait(timeout).unwrap_or_default();
         self.waits.fetch_add(1, Ordering::Relaxed);
+        let asleep = now;
         let now = Instant::now();
         let mut core = self.lock();
         core.awake();
+        core.seat.eagerness.slept(now - asleep);
         core.seat.looked = Some(now);
         if wakeups.contains(INTERRUPT) {
             clear(&self.interrupt);

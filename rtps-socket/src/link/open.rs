@@ -24,8 +24,8 @@ pub(crate) struct Settings {
     pub(crate) layer: LayerChoice,
     /// Bytes of the ring that the app asks the kernel layer for.
     pub(crate) ring_bytes: u32,
-    /// For how long a waiting thread looks for samples before it sleeps.
-    pub(crate) busy_poll: Duration,
+    /// For how long a waiting thread looks for samples before it sleeps, if the app says so.
+    pub(crate) busy_poll: Option<Duration>,
     /// In-process layer: where to announce beside the multicast group.
     pub(crate) peers: Vec<std::net::SocketAddr>,
 }
@@ -123,7 +123,7 @@ mod tests {
             name: String::new(),
             layer: LayerChoice::InProcess,
             ring_bytes: 0,
-            busy_poll: Duration::ZERO,
+            busy_poll: None,
             peers: Vec::new(),
         };
         let epoll = Arc::new(Epoll::new().unwrap());

@@ -66,9 +66,10 @@ impl<P: From<RtpsSocket>> Builder<P> {
 
     /// For how long a thread that waits for samples looks for them again and again before it sleeps: a look takes
     /// nanoseconds, to be woken takes microseconds, and on many machines tens of them, but nobody else has the CPU in the
-    /// meantime. Unless set, what the environment variable `RTPS_BUSY_POLL_US` says in microseconds, else zero.
+    /// meantime. Unless set, what the environment variable `RTPS_BUSY_POLL_US` says in microseconds; without that, up to
+    /// 50 us while samples come at shorter intervals and looking finds them.
     pub fn busy_poll(mut self, duration: Duration) -> Self {
-        self.settings.busy_poll = duration;
+        self.settings.busy_poll = Some(duration);
         self
     }
 
@@ -102,14 +103,12 @@ impl<P: From<RtpsSocket>> Builder<P> {
 }
 
 /// The default of [`Builder::busy_poll`].
-fn busy_poll_from_environment() -> Duration {
+fn busy_poll_from_environment() -> Option<Duration> {
     const VARIABLE: &str = "RTPS_BUSY_POLL_US";
-    let Ok(text) = std::env::var(VARIABLE) else {
-        return Duration::ZERO;
-    };
-    let micros = text.parse().unwrap_or_else(|_| {
+    let text = std::env::var(VARIABLE).ok()?;
+    let micros = text.parse().ok();
+    if micros.is_none() {
         tracing::warn!("{VARIABLE} is {text:?}, which is no number of microseconds: it is ignored");
-        0
-    });
-    Duration::from_micros(micros)
+    }
+    micros.map(Duration::from_micros)
 }

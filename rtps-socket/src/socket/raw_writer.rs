@@ -1,7 +1,7 @@
 //! A writer of payloads that are serialized already.
 
 use std::sync::Arc;
-use std::time::{Duration, SystemTime};
+use std::time::{Duration, Instant, SystemTime};
 
 use bytes::Bytes;
 use rtps_user::history::{ChangeKind, NewChange};
@@ -10,7 +10,7 @@ use rtps_user::wire::{Guid, KeyHash, SequenceNumber, Timestamp};
 use rtps_user::writer;
 
 use super::endpoint::{EndpointHandle, deadline};
-use crate::driver::Patience;
+use crate::driver::{Core, Patience};
 use crate::error::{WaitError, WriteError};
 use crate::status::StatusEvent;
 
@@ -78,15 +78,14 @@ impl RawWriter {
             payload: change.payload,
             timestamp: to_timestamp(change.timestamp.unwrap_or_else(SystemTime::now)),
         };
-        let len = change.payload.len();
-        let shared = self.endpoint.shared();
+        let (len, shared) = (change.payload.len(), self.endpoint.shared());
+        let mut change = Some(change);
         let written = shared.write(len, self.patience, |core, now| {
             if core.is_lost() {
                 return Err(WriteError::LayerLost);
             }
-            let writer = core.endpoints.writer_mut(self.endpoint.id());
-            let writer = writer.ok_or(WriteError::Closed)?;
-            Ok(writer.write(now, change.clone()))
+            let written = self.write_if_there_is_room(core, now, &mut change);
+            written.ok_or(WriteError::Closed)
         });
         match written? {
             Err(writer::WriteError::HistoryFull) => self.send_when_there_is_room(change),
@@ -94,11 +93,13 @@ impl RawWriter {
         }
     }
 
-    fn send_when_there_is_room(&self, change: NewChange) -> Result<SequenceNumber, WriteError> {
+    fn send_when_there_is_room(
+        &self,
+        mut change: Option<NewChange>,
+    ) -> Result<SequenceNumber, WriteError> {
         let deadline = self.max_blocking_time.and_then(deadline);
         let written = self.endpoint.shared().wait_until(deadline, |core, now| {
-            let writer = core.endpoints.writer_mut(self.endpoint.id())?;
-            match writer.write(now, change.clone()) {
+            match self.write_if_there_is_room(core, now, &mut change)? {
                 Err(writer::WriteError::HistoryFull) => None,
                 written => Some(written),
             }
@@ -106,6 +107,20 @@ impl RawWriter {
         written
             .ok_or(WriteError::Timeout)?
             .map_err(WriteError::Refused)
+    }
+
+    /// Takes the change where the history has room for it; `None` where there is no writer any more.
+    fn write_if_there_is_room(
+        &self,
+        core: &mut Core,
+        now: Instant,
+        change: &mut Option<NewChange>,
+    ) -> Option<Result<SequenceNumber, writer::WriteError>> {
+        let writer = core.endpoints.writer_mut(self.endpoint.id())?;
+        if let Err(error) = writer.make_room(change.as_ref()?) {
+            return Some(Err(error));
+        }
+        Some(writer.write(now, change.take()?))
     }
 
     /// Its name.

@@ -4,7 +4,7 @@
 //! All of it is about the network namespace of the calling thread. There is no protocol in here, and no state.
 //!
 //! - [`Interface`] with [`find`] and [`all_up`]: the interfaces, their addresses and MTUs;
-//! - [`addresses_towards`]: the one that leads to an address;
+//! - [`addresses_towards`]: the one that leads to an address, and [`source_towards`] the address that it is sent from;
 //! - [`AddressWatch`]: whether to look again.
 #![deny(unsafe_code)]
 
@@ -18,4 +18,4 @@ pub use interface::{
     FindError, Interface, LOOPBACK_INDEX, all_up, datagram_size, find, ipv6_addresses, locators,
     own_addresses,
 };
-pub use route::addresses_towards;
+pub use route::{addresses_towards, source_towards};

@@ -18,7 +18,7 @@ pub fn addresses_towards(interfaces: &[Interface], to: SocketAddr) -> Option<&[I
 }
 
 /// The address that the kernel would send from.
-fn source_towards(to: SocketAddr) -> Option<IpAddr> {
+pub fn source_towards(to: SocketAddr) -> Option<IpAddr> {
     let any: IpAddr = match to {
         SocketAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
         SocketAddr::V6(_) => Ipv6Addr::UNSPECIFIED.into(),

@@ -19,6 +19,8 @@ pub(crate) struct Attachment {
     discovery: Discovery,
     /// Why the kernel does not answer on these interfaces, by index.
     refusals: BTreeMap<u32, String>,
+    /// Why apps have to send to each destination by themselves.
+    fan_out_refusal: Option<String>,
 }
 
 impl Attachment {
@@ -29,6 +31,7 @@ impl Attachment {
             mode,
             discovery,
             refusals: BTreeMap::new(),
+            fan_out_refusal: None,
         }
     }
 
@@ -47,6 +50,22 @@ impl Attachment {
             Err(reason) => self.refuse(interface, reason),
         }
         Ok(())
+    }
+
+    /// Has the kernel send to several destinations what apps send once, where it can.
+    pub(crate) fn attach_fan_out(&mut self, kernel: &mut KernelMaps) {
+        match self.loader.attach_fan_out() {
+            Ok(()) => kernel.fan_outs.attached(),
+            Err(reason) => {
+                warn!("apps send to each destination by themselves: {reason}");
+                self.fan_out_refusal = Some(reason);
+            }
+        }
+    }
+
+    /// Why they have to do that by themselves, where they have.
+    pub(crate) fn fan_out_refusal(&self) -> Option<&str> {
+        self.fan_out_refusal.as_deref()
     }
 
     fn attach_classifier(&mut self, interface: &Interface) -> Result<(), String> {

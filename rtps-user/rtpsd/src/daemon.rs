@@ -89,6 +89,7 @@ fn start(
         attachment.attach(interface, &interfaces)?;
     }
     attachment.describe(&interfaces, &mut kernel)?;
+    attachment.attach_fan_out(&mut kernel);
     let parts = Parts {
         interfaces,
         kernel,

@@ -9,7 +9,7 @@ use anyhow::{Context, Result};
 use aya::programs::SocketFilter;
 use rtps_ebpf::abi::{Domain, PORT_METATRAFFIC, PORT_MULTICAST, PORT_UNICAST, PortConfig};
 use rtps_net::{Interface, locators};
-use rtps_user::layer::protocol::FromLayer;
+use rtps_user::layer::protocol::{FanOut, FromLayer};
 use rtps_user::layer::{KernelChange, Layer, LayerConfig, LayerOutput};
 use rtps_user::wire::{Guid, GuidPrefix, VendorId};
 use tracing::{debug, info, warn};
@@ -232,11 +232,9 @@ impl DomainHost {
                             .send(&datagram, destination, effects.interfaces);
                     }
                 }
-                LayerOutput::Reply { slot, message } => effects.replies.push(Reply {
-                    slot,
-                    message,
-                    descriptors: Vec::new(),
-                }),
+                LayerOutput::Reply { slot, message } => {
+                    effects.replies.push(Reply::new(slot, message))
+                }
                 LayerOutput::Channel(slots) => self.connect(slots, effects),
                 LayerOutput::Kernel(change) => {
                     if let Err(error) = self.change_kernel(change, effects) {
@@ -306,7 +304,25 @@ impl DomainHost {
                 next,
                 exact,
             } => kernel.peers.progress(writer, next, exact),
+            KernelChange::FanOut { slot, fan_out } => self.fan_out(slot, &fan_out, effects),
         }
+    }
+
+    /// Keeps an app's list of destinations; the app is told in any case.
+    fn fan_out(&self, slot: u8, fan_out: &FanOut, effects: &mut Effects<'_>) -> Result<()> {
+        let app = (slot, self.identity.domain_index);
+        let fan_outs = &mut effects.kernel.fan_outs;
+        let kept = fan_outs.keep(app, fan_out, effects.interfaces);
+        let (destinations, outcome) = match kept {
+            Ok(served) => (served, Ok(())),
+            Err(error) => (Vec::new(), Err(error)),
+        };
+        let message = FromLayer::FanOut {
+            number: fan_out.number,
+            destinations,
+        };
+        effects.replies.push(Reply::new(slot, message));
+        outcome
     }
 }
 
@@ -323,6 +339,17 @@ pub(crate) struct Reply {
     pub(crate) message: FromLayer,
     /// What it gets beside the message.
     pub(crate) descriptors: Vec<OwnedFd>,
+}
+
+impl Reply {
+    /// The message alone.
+    pub(crate) fn new(slot: u8, message: FromLayer) -> Self {
+        Self {
+            slot,
+            message,
+            descriptors: Vec::new(),
+        }
+    }
 }
 
 fn layer_config(

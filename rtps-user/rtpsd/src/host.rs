@@ -10,7 +10,7 @@ use anyhow::Result;
 use rtps_ebpf::SlotSet;
 use rtps_ebpf::abi::{APP_ATTACHED, App};
 use rtps_net::Interface;
-use rtps_user::layer::protocol::{Hello, LAYER_PROTOCOL_VERSION, ToLayer, Welcome};
+use rtps_user::layer::protocol::{FromLayer, Hello, LAYER_PROTOCOL_VERSION, ToLayer, Welcome};
 use tracing::{debug, error, info, warn};
 
 use crate::attachment::Attachment;
@@ -112,6 +112,7 @@ impl Host {
         if !host.awaited.is_empty() {
             info!(slots = host.awaited.len(), "waiting for apps to come back");
         }
+        host.kernel.fan_outs.forget_others(&host.occupied)?;
         host.drain_all(now);
         for domain in &host.domains {
             domain.forget_old_samples(&mut host.kernel);
@@ -244,8 +245,11 @@ impl Host {
     fn free_slot(&mut self, slot: u8) {
         self.occupied.remove(slot);
         self.awaited.remove(&slot);
-        if let Err(error) = self.kernel.remove_app(slot) {
-            warn!(slot, "{error:#}");
+        let removed = self.kernel.remove_app(slot);
+        for result in [removed, self.kernel.fan_outs.forget(slot)] {
+            if let Err(error) = result {
+                warn!(slot, "{error:#}");
+            }
         }
         self.inboxes.free(slot);
     }
@@ -354,6 +358,13 @@ impl Host {
         }
         for domain in &mut self.domains {
             domain.set_addresses(now, &self.interfaces);
+        }
+        for list in self.kernel.fan_outs.refresh(&self.interfaces) {
+            let message = FromLayer::FanOut {
+                number: list.number,
+                destinations: list.destinations,
+            };
+            self.replies.push(Reply::new(list.slot, message));
         }
         self.drain_all(now);
     }

@@ -1,6 +1,7 @@
 //! The maps that rtpsd shares with the programs, by their pins; who writes which stands in `docs/abi.md`.
 
 mod discovery;
+mod fan_outs;
 mod peers;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -13,6 +14,7 @@ use aya::Pod;
 use aya::maps::{Array, ArrayOfMaps, HashMap, Map, MapData, MapError, PerCpuHashMap, PerCpuValues};
 use aya::util::nr_cpus;
 pub(crate) use discovery::{BuiltinSample, DiscoveryMaps};
+pub(crate) use fan_outs::FanOuts;
 use nix::time::{ClockId, clock_gettime};
 pub(crate) use peers::Peers;
 use rtps_ebpf::abi::{self, App, Config, Domain, PortConfig, name};
@@ -37,6 +39,7 @@ pub(crate) struct KernelMaps {
     rings: ArrayOfMaps<MapData, MapData>,
     pub(crate) peers: Peers,
     pub(crate) discovery: DiscoveryMaps,
+    pub(crate) fan_outs: FanOuts,
     counters: PerCpuHashMap<MapData, u32, Counts>,
 }
 
@@ -53,6 +56,7 @@ impl KernelMaps {
             rings: open(folder, name::RINGS)?,
             peers: Peers::open(folder)?,
             discovery: DiscoveryMaps::open(folder)?,
+            fan_outs: FanOuts::open(folder)?,
             counters: open(folder, name::COUNTERS)?,
         })
     }

@@ -20,6 +20,7 @@ use rtps_net::Interface;
 use serde::{Deserialize, Serialize};
 use tracing::{debug, info, warn};
 
+use self::classifier::Classifiers;
 use crate::pins::{Hook, PinFolder};
 use crate::run_folder::remove_if_there;
 
@@ -83,8 +84,7 @@ impl fmt::Display for AttachedMode {
 pub(crate) struct Loader {
     folder: PinFolder,
     ebpf: Ebpf,
-    /// Whether the classifier is among them; else why not.
-    classifier: Result<(), String>,
+    classifiers: Classifiers,
 }
 
 impl Loader {
@@ -106,7 +106,7 @@ impl Loader {
             .context("the kernel's verifier refuses the socket filter")?;
         let mut loaded = Self {
             folder,
-            classifier: classifier::load(&mut ebpf),
+            classifiers: Classifiers::load(&mut ebpf),
             ebpf,
         };
         loaded.pin_programs()?;
@@ -151,7 +151,9 @@ impl Loader {
 
     /// Detaches what an earlier rtpsd had attached to interfaces that are no longer asked for.
     pub(crate) fn detach_others(&self, interfaces: &[Interface]) -> Result<()> {
-        self.detach_where(|index, _| interfaces.iter().all(|known| known.index != index))
+        self.detach_where(|index, hook| {
+            hook != Hook::FanOut && interfaces.iter().all(|known| known.index != index)
+        })
     }
 
     fn detach_where(&self, unwanted: impl Fn(u32, Hook) -> bool) -> Result<()> {
@@ -209,9 +211,7 @@ impl Loader {
 
     fn pin_programs(&mut self) -> Result<()> {
         let mut programs = vec![name::XDP_PROGRAM, name::FILTER_PROGRAM];
-        if self.classifier.is_ok() {
-            programs.push(name::INGRESS_PROGRAM);
-        }
+        programs.extend(self.classifiers.loaded());
         for program in programs {
             let path = self.folder.entry(program);
             remove_if_there(&path)?;

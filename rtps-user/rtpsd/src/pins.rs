@@ -31,13 +31,16 @@ pub struct PinFolder {
 pub(crate) enum Hook {
     /// The classifier on ingress, by tcx.
     Ingress,
+    /// The classifier on egress of the loopback interface, by tcx.
+    FanOut,
     /// XDP.
     Xdp(AttachedMode),
 }
 
 impl Hook {
-    const ALL: [Self; 3] = [
+    const ALL: [Self; 4] = [
         Self::Ingress,
+        Self::FanOut,
         Self::Xdp(AttachedMode::Native),
         Self::Xdp(AttachedMode::Generic),
     ];
@@ -46,6 +49,7 @@ impl Hook {
     fn name_parts(self) -> (&'static str, &'static str) {
         match self {
             Self::Ingress => ("tcx", "ingress"),
+            Self::FanOut => ("tcx", "egress"),
             Self::Xdp(mode) => ("xdp", mode.name()),
         }
     }

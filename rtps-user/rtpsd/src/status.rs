@@ -31,6 +31,12 @@ const ANSWER_TIME: Duration = Duration::from_secs(5);
 /// Who answers where the kernel does not.
 const RTPSD: &str = "rtpsd";
 
+/// Who does what programs do.
+const KERNEL: &str = "kernel";
+
+/// Who sends to each destination where the kernel does not.
+const APP: &str = "app";
+
 /// The kernel layer of one network namespace.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Status {
@@ -49,6 +55,8 @@ pub struct Status {
     /// Who is to answer discovery messages: "kernel", which leaves to rtpsd what it cannot, or "user" for rtpsd alone;
     /// none while the programs leave every packet alone.
     pub discovery: Option<String>,
+    /// Who sends to several destinations what an app sends once: "kernel", or "app: " and why.
+    pub fan_out: String,
     /// How often something has woken rtpsd; none when it does not run.
     pub wakeups: Option<u64>,
     /// Interfaces with XDP.
@@ -150,6 +158,7 @@ fn status_of_pins(inode: u64, rtpsd: Option<i32>) -> Result<Status> {
         pins: folder.path().display().to_string(),
         doorbell: None,
         discovery: None,
+        fan_out: format!("{APP}: the program is not attached"),
         wakeups: None,
         interfaces: Vec::new(),
         domains: Vec::new(),
@@ -175,6 +184,9 @@ pub(crate) struct Running<'a> {
 pub(crate) fn status_of_daemon(inode: u64, running: &Running<'_>) -> Result<Status> {
     let mut status = status_of_pins(inode, i32::try_from(std::process::id()).ok())?;
     status.wakeups = Some(running.wakeups);
+    if let Some(reason) = running.attachment.fan_out_refusal() {
+        status.fan_out = format!("{APP}: {reason}");
+    }
     for interface in &mut status.interfaces {
         if let Some(reason) = running.attachment.refusal(interface.index) {
             interface.answers = format!("{RTPSD}: {reason}");
@@ -208,7 +220,7 @@ fn fill_from_kernel(status: &mut Status, folder: &PinFolder, kernel: &KernelMaps
         let is_packet = config.doorbell == DOORBELL_PACKET;
         status.doorbell = Some(if is_packet { "packet" } else { "ring" }.to_owned());
         let is_kernel = config.discovery == DISCOVERY_KERNEL;
-        status.discovery = Some(if is_kernel { "kernel" } else { "user" }.to_owned());
+        status.discovery = Some(if is_kernel { KERNEL } else { "user" }.to_owned());
     }
     fill_interfaces(status, folder, kernel)?;
     for (domain, identity) in Identities::open(folder)?.all()? {
@@ -247,11 +259,16 @@ fn fill_from_kernel(status: &mut Status, folder: &PinFolder, kernel: &KernelMaps
 fn fill_interfaces(status: &mut Status, folder: &PinFolder, kernel: &KernelMaps) -> Result<()> {
     let answering = kernel.discovery.interfaces();
     for link in folder.links()? {
-        let Hook::Xdp(mode) = link.hook else {
-            continue;
+        let mode = match link.hook {
+            Hook::Xdp(mode) => mode,
+            Hook::FanOut => {
+                KERNEL.clone_into(&mut status.fan_out);
+                continue;
+            }
+            Hook::Ingress => continue,
         };
         let answers = if answering.contains(&link.interface_index) {
-            "kernel".to_owned()
+            KERNEL.to_owned()
         } else {
             format!("{RTPSD}: the kernel was not told to")
         };

@@ -102,8 +102,8 @@ fn an_interface_that_is_no_longer_asked_for_is_left_alone() {
     let _rtpsd = Rtpsd::start(&netns, &[]);
     assert_eq!(netns.status().interfaces.len(), 1);
     let links = netns.within(|| run("ls", &[netns.pins().to_str().unwrap()]));
-    assert_eq!(links.matches("tcx-").count(), 1, "{links}");
-    assert_eq!(netns.classifiers(), 1);
+    assert_eq!(links.matches("-ingress").count(), 1, "{links}");
+    assert_eq!((netns.classifiers(), netns.fan_outs()), (1, 1));
 }
 
 #[test]
@@ -138,6 +138,9 @@ fn a_killed_rtpsd_is_taken_over() {
     assert!(orphaned.loaded && orphaned.rtpsd.is_none());
     assert_eq!(orphaned.counters.len(), before.counters.len());
     assert!(netns.has_xdp());
+    let who_fans_out = [before.fan_out.as_str(), orphaned.fan_out.as_str()];
+    assert_eq!(who_fans_out, ["kernel"; 2]);
+    assert_eq!(netns.fan_outs(), 1);
     let links = || {
         netns
             .within(|| run("ls", &["-i", netns.pins().to_str().unwrap()]))
@@ -159,6 +162,7 @@ fn a_killed_rtpsd_is_taken_over() {
         after.domains[0].incarnation,
         before.domains[0].incarnation + 1
     );
+    assert_eq!((after.fan_out.as_str(), netns.fan_outs()), ("kernel", 1));
     assert!(rtpsd.end(Signal::SIGINT));
     assert!(netns.is_clean());
 }

@@ -96,3 +96,35 @@ impl Changes {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::history::{ChangeKind, NewChange};
+    use crate::wire::{KeyHash, Timestamp};
+
+    fn change() -> CacheChange {
+        let change = NewChange {
+            kind: ChangeKind::Alive,
+            instance: KeyHash::default(),
+            payload: vec![0].into(),
+            timestamp: Timestamp::default(),
+        };
+        CacheChange::new(change, 0, None)
+    }
+
+    #[test]
+    fn holes_do_not_pile_up_behind_an_old_change() {
+        let mut changes = Changes::default();
+        changes.push(SequenceNumber(1), change());
+        changes.push(SequenceNumber(2), change());
+        for number in 3..10_000 {
+            changes.push(SequenceNumber(number), change());
+            changes.remove(SequenceNumber(number - 1));
+            assert!(changes.slots.len() <= 2 * changes.len() + Changes::FEW_HOLES + 1);
+            let next = changes.next_from(SequenceNumber(2));
+            assert_eq!(next.map(|(next, _)| next.0), Some(number));
+        }
+        assert_eq!(changes.len(), 2);
+    }
+}

@@ -19,6 +19,7 @@ mod config;
 mod declare;
 mod describe;
 mod events;
+mod fan_out;
 mod outputs;
 mod peers;
 pub mod protocol;
@@ -156,6 +157,7 @@ impl Layer {
             }
             // On the wire all apps of the host are one participant, so that this asserts for the others as well.
             ToLayer::AssertLiveliness => self.discovery.assert_liveliness(now, true),
+            ToLayer::FanOut(fan_out) => self.fan_out(slot, fan_out),
             ToLayer::Describe(user_data) => self.describe(now, slot, user_data),
         }
         self.settle();

@@ -4,7 +4,7 @@ use std::net::IpAddr;
 
 use rtps_ebpf::SlotSet;
 
-use super::protocol::FromLayer;
+use super::protocol::{FanOut, FromLayer};
 use super::store::StoreChange;
 use crate::Transmit;
 use crate::wire::{EntityId, Guid, GuidPrefix, SequenceNumber};
@@ -96,5 +96,13 @@ pub enum KernelChange {
         next: SequenceNumber,
         /// Go on from there even where the low-level layer has got further: what it took is not known here.
         exact: bool,
+    },
+    /// Send to all of these destinations what an app sends to its list, and tell the app to which
+    /// ([`FromLayer::FanOut`]).
+    FanOut {
+        /// The app.
+        slot: u8,
+        /// The list.
+        fan_out: FanOut,
     },
 }

@@ -4,6 +4,8 @@
 //! value a packet, descriptors beside [`FromLayer::Welcome`] and [`FromLayer::Channel`]) or a function call to the
 //! in-process layer. Samples never take this way.
 
+use std::net::SocketAddrV4;
+
 use serde::{Deserialize, Serialize};
 
 use crate::RemoteEndpoint;
@@ -30,6 +32,8 @@ pub enum ToLayer {
     Withdraw(EntityId),
     /// The app asserts the liveliness of its MANUAL_BY_PARTICIPANT writers.
     AssertLiveliness,
+    /// The app often sends the same to these destinations, and asks for help.
+    FanOut(FanOut),
     /// USER_DATA of the participant, at most [`MAX_USER_DATA`] bytes. On the wire all apps of the host are one
     /// participant: the app that has said so last speaks for all, as long as it is there.
     Describe(Vec<u8>),
@@ -94,6 +98,13 @@ pub enum FromLayer {
         /// The other app.
         slot: u8,
     },
+    /// The answer to [`ToLayer::FanOut`], and told again when it changes.
+    FanOut {
+        /// The list's number.
+        number: u8,
+        /// Those of its destinations that get what the app sends to the list; the rest, or all, are left to the app.
+        destinations: Vec<SocketAddrV4>,
+    },
 }
 
 /// How many descriptors come beside a [`FromLayer::Channel`]: the ring that the app fills, the pipe that wakes the other
@@ -137,6 +148,17 @@ pub struct Welcome {
     pub prefix: GuidPrefix,
     /// The most bytes of UDP payload that the app should send in one datagram, so that none is fragmented.
     pub datagram_size: u16,
+}
+
+/// A list of destinations.
+#[derive(Clone, Debug, Deserialize, Eq, PartialEq, Serialize)]
+pub struct FanOut {
+    /// The cookie (SO_COOKIE) of the socket that the app will send to the list from, the same for all of its lists.
+    pub cookie: u64,
+    /// From 1; what was the list of this number is forgotten.
+    pub number: u8,
+    /// Where what is sent to the list is to go.
+    pub destinations: Vec<SocketAddrV4>,
 }
 
 /// An endpoint of an app.

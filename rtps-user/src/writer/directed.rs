@@ -35,6 +35,7 @@ impl Writer {
         let waiting = |proxy: &&ReaderProxy| proxy.outbox.not_before().is_some();
         let readers = self.readers.values().filter(waiting);
         let readers: Vec<Guid> = readers.map(ReaderProxy::guid).collect();
+        self.look_for_shared();
         for reader in readers {
             let proxy = self.readers.get(&reader);
             if proxy.is_some_and(|proxy| proxy.outbox.not_before() <= Some(now)) {
@@ -54,7 +55,7 @@ impl Writer {
 
     /// Bytes that one reader alone may be sent at once: with what all are sent, they shall fit its inbox.
     pub(super) fn repair_budget(&self) -> usize {
-        self.window.size() / 2
+        (self.window.size() / 2).max(1)
     }
 
     /// The next datagram for a single reader.

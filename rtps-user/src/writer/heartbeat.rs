@@ -89,11 +89,6 @@ impl Heartbeats {
         self.arm(now + period);
     }
 
-    /// A writer waits for acknowledgements of what it has sent.
-    pub(super) fn hurry_if_sent(&mut self) {
-        self.is_due |= self.since.changes > 0;
-    }
-
     /// The readers are to answer at once, for whatever reason.
     pub(super) fn hurry(&mut self) {
         self.is_due = true;

@@ -2,7 +2,7 @@
 //!
 //! Two streams of datagrams leave a writer. New changes go to all matched readers at once, to each address once
 //! and to no reader in particular (`live.rs`). What only one reader needs, repairs above all, goes to that reader
-//! alone (`directed.rs`). HEARTBEATs travel with either.
+//! alone (`directed.rs`), unless others wait for the same (`shared.rs`). HEARTBEATs travel with all of them.
 
 mod config;
 mod count;
@@ -17,6 +17,7 @@ mod publication;
 mod reader_proxy;
 mod requests;
 mod retention;
+mod shared;
 mod suppression;
 #[cfg(test)]
 mod tests;
@@ -64,6 +65,8 @@ pub struct Writer {
     lease: Lease,
     /// Readers that are to be sent something of their own.
     queue: VecDeque<Guid>,
+    /// Whether several of them may wait for the same change.
+    may_share: bool,
     /// When the next answer that waits is due.
     next_answer: Option<Instant>,
     /// Unregistrations whose instances are still in the history.
@@ -97,6 +100,7 @@ impl Writer {
             lowest_acknowledged: None,
             lease: Lease::default(),
             queue: VecDeque::new(),
+            may_share: false,
             next_answer: None,
             unregistered: VecDeque::new(),
             events: Events::default(),
@@ -133,11 +137,7 @@ impl Writer {
     /// # Errors
     /// Where the history has no room for it.
     pub fn write(&mut self, now: Instant, change: NewChange) -> Result<SequenceNumber, WriteError> {
-        let room = self.make_room(&change);
-        if room == Err(WriteError::HistoryFull) {
-            self.heartbeats.hurry_if_sent();
-        }
-        room?;
+        self.make_room(&change)?;
         self.last = self.last.next();
         self.note_unregistration(change.kind, self.last);
         if self.keeps_past() || !self.readers.is_empty() {
@@ -216,6 +216,9 @@ impl Writer {
         if let Some(lost) = proxy.newest_lost(acknack, self.live.end()) {
             self.window.handle_loss(lost, self.live.untouched());
         }
+        if !acknack.state.is_empty() {
+            self.look_for_shared();
+        }
         self.refill(reader);
         self.settle_progress(reader, before);
         self.enqueue(now, reader);
@@ -271,7 +274,8 @@ impl Writer {
 
     /// Appends the next datagram to `out`, which stays as it is where there is none. To be called until it gives `None`.
     pub fn poll_transmit(&mut self, now: Instant, out: &mut Vec<u8>) -> Option<Transmit> {
-        self.poll_directed(now, out)
+        self.poll_shared(now, out)
+            .or_else(|| self.poll_directed(now, out))
             .or_else(|| self.poll_live(now, out))
     }
 
@@ -346,7 +350,7 @@ impl Writer {
         let addresses: BTreeSet<SocketAddr> = self
             .readers
             .values()
-            .flat_map(|proxy| proxy.address().iter().copied())
+            .flat_map(ReaderProxy::addresses)
             .collect();
         self.destinations = addresses.into_iter().collect();
         self.refresh_acknowledged();

@@ -1,7 +1,7 @@
 //! What is to be sent to one reader alone: what it asked for, and what it must know.
 
 use std::collections::VecDeque;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use super::requests::{ChangeRequest, FragmentRequest};
 use super::suppression::Suppression;
@@ -48,6 +48,8 @@ impl Outbox {
     /// So many sets of fragments are kept, more than a reader can ask for in one datagram; it repeats what is
     /// forgotten.
     const MAX_FRAGMENT_REQUESTS: usize = 32;
+    /// Time must pass, or else what waits would be looked at for ever.
+    const MIN_PAUSE: Duration = Duration::from_millis(1);
 
     /// The reader must be told what the writer has, and that it need not wait for what is below `start`.
     pub(super) fn greet(&mut self, start: SequenceNumber) {
@@ -174,6 +176,22 @@ impl Outbox {
         is_done
     }
 
+    /// The changes that the reader asks for, where the answer may begin now.
+    pub(super) fn sharable(&self, now: Instant) -> Option<&ChangeRequest> {
+        let may_begin = |request: &&ChangeRequest| {
+            self.budget > 0 && self.suppressed_changes.allowed_at(now, request.first()) <= now
+        };
+        self.changes.as_ref().filter(may_begin)
+    }
+
+    /// A change that the reader asks for was sent to it and others, in so many bytes.
+    pub(super) fn share(&mut self, sequence: SequenceNumber, bytes: usize) {
+        self.budget = self.budget.saturating_sub(bytes);
+        if let Some(request) = &mut self.changes {
+            request.share(sequence);
+        }
+    }
+
     fn has_repairs(&self) -> bool {
         self.changes.is_some() || !self.fragments.is_empty() || self.replay.is_some()
     }
@@ -183,7 +201,7 @@ impl Outbox {
         let can_answer = self.replay.is_none();
         self.heartbeat |= can_answer && !self.is_paused;
         self.is_paused = true;
-        self.not_before = Some(now + timing.nack_suppression);
+        self.not_before = Some(now + timing.nack_suppression.max(Self::MIN_PAUSE));
     }
 
     fn fill_gap_to_start(&mut self, source: &Source<'_>, packet: &mut Packet<'_>) -> bool {
@@ -207,11 +225,12 @@ impl Outbox {
         if !request.has_begun() {
             self.suppressed_changes.begin(now, request.first(), timing);
         }
+        let before = packet.len();
         let is_done = request.fill(source, packet);
         self.suppressed_changes.proceed(now, request.position());
         if is_done {
-            // The reader can say at once what got lost again.
-            self.heartbeat = true;
+            // The reader can say at once what got lost again. What is shared brings a HEARTBEAT of its own.
+            self.heartbeat |= packet.len() > before || !request.is_shared();
             self.changes = None;
         }
         is_done

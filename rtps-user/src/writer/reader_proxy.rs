@@ -99,6 +99,10 @@ impl ReaderProxy {
         &self.address
     }
 
+    pub(super) fn addresses(&self) -> impl Iterator<Item = SocketAddr> + '_ {
+        self.address.iter().copied()
+    }
+
     pub(super) fn is_reliable(&self) -> bool {
         self.is_reliable
     }

@@ -11,6 +11,8 @@ pub(super) struct ChangeRequest {
     first: SequenceNumber,
     end: SequenceNumber,
     position: Position,
+    /// Members that were sent to several readers at once, and not by [`fill`](Self::fill).
+    shared: SequenceNumberSet,
     has_begun: bool,
 }
 
@@ -26,6 +28,7 @@ impl ChangeRequest {
             first,
             end,
             position: Position::start_of(first),
+            shared: SequenceNumberSet::empty(missing.base),
             has_begun: false,
         })
     }
@@ -33,9 +36,8 @@ impl ChangeRequest {
     /// What the reader still waits for, now that it says what is `missing`: this and what it asked for before from
     /// the base on, as far as it has not been sent; `None` without any.
     pub(super) fn merge(self, missing: SequenceNumberSet, end: SequenceNumber) -> Option<Self> {
-        let unsent = self.missing.iter();
-        let unsent = unsent.filter(|m| (self.position.sequence..self.end).contains(m));
-        let all = SequenceNumberSet::from_members(missing.base, unsent.chain(missing.iter()));
+        let all = self.unsent().chain(missing.iter());
+        let all = SequenceNumberSet::from_members(missing.base, all);
         let mut request = Self::new(all, end)?;
         // A large change that is half sent is not begun anew, unless it is asked for again.
         if request.first == self.position.sequence && !missing.contains(request.first) {
@@ -43,6 +45,30 @@ impl ChangeRequest {
             request.has_begun = self.has_begun && missing.is_empty();
         }
         Some(request)
+    }
+
+    /// What has not been sent.
+    pub(super) fn unsent(&self) -> impl Iterator<Item = SequenceNumber> + '_ {
+        let wanted = self.missing.iter();
+        let wanted = wanted.filter(|m| (self.position.sequence..self.end).contains(m));
+        wanted.filter(|member| !self.shared.contains(*member))
+    }
+
+    /// Whether a change is asked for and has not been sent.
+    pub(super) fn wants(&self, sequence: SequenceNumber) -> bool {
+        (self.position.sequence..self.end).contains(&sequence)
+            && self.missing.contains(sequence)
+            && !self.shared.contains(sequence)
+    }
+
+    /// A change was sent to others as well.
+    pub(super) fn share(&mut self, sequence: SequenceNumber) {
+        self.shared.insert(sequence);
+    }
+
+    /// Whether a part of the answer was sent to others as well.
+    pub(super) fn is_shared(&self) -> bool {
+        !self.shared.is_empty()
     }
 
     /// What it begins with.
@@ -80,6 +106,11 @@ impl ChangeRequest {
                 None => self.position.skip_to(sequence.next()),
             }
         }
+        // What is shared may lie behind the last that was sent here.
+        let members = self.missing.iter().filter(|member| *member < self.end);
+        if let Some(last) = members.last() {
+            self.position.skip_to(last.next());
+        }
         true
     }
 
@@ -87,7 +118,7 @@ impl ChangeRequest {
         let end = self.missing.base.plus(SequenceNumberSet::MAX_SPAN);
         (from.0..end.min(self.end).0)
             .map(SequenceNumber)
-            .find(|sequence| self.missing.contains(*sequence))
+            .find(|sequence| self.wants(*sequence))
     }
 
     /// One GAP says it all: a range from the first that is not there, and later ones as members of its list.

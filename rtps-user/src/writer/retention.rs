@@ -8,8 +8,11 @@ use crate::qos::{Durability, History};
 use crate::wire::{KeyHash, SequenceNumber};
 
 impl Writer {
-    /// Makes room for a change, or says why there is none.
-    pub(super) fn make_room(&mut self, change: &NewChange) -> Result<(), WriteError> {
+    /// Makes room for a change as [`write`](Self::write) does, for one who wants to keep it where there is none.
+    ///
+    /// # Errors
+    /// Says why there is none.
+    pub fn make_room(&mut self, change: &NewChange) -> Result<(), WriteError> {
         if u32::try_from(change.payload.len()).is_err() {
             return Err(WriteError::TooLarge(change.payload.len()));
         }

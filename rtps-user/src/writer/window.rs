@@ -19,13 +19,15 @@ pub(super) struct Window {
     was_closed: bool,
     /// The round ends when everything below this has been acknowledged.
     round_end: SequenceNumber,
+    /// What is below this was on its way when the last loss was noticed: it may be lost for the same reason.
+    loss_end: SequenceNumber,
 }
 
 impl Window {
     /// The first size, as a part of the largest.
     const START: usize = 4;
     /// So many steps lead from nothing to the largest size.
-    const STEPS: usize = 16;
+    const STEPS: usize = 64;
 
     pub(super) fn new(timing: &WriterTiming) -> Self {
         // One change is always admitted.
@@ -38,6 +40,7 @@ impl Window {
             is_closed: false,
             was_closed: false,
             round_end: SequenceNumber::ZERO,
+            loss_end: SequenceNumber::ZERO,
         }
     }
 
@@ -59,8 +62,9 @@ impl Window {
 
     /// A reader has lost a change; those from `end` on have not been sent yet.
     pub(super) fn handle_loss(&mut self, lost: SequenceNumber, end: SequenceNumber) {
-        if lost >= self.round_end {
+        if lost >= self.loss_end {
             self.size = (self.size / 2).max(self.min);
+            self.loss_end = end;
             self.begin_round(end);
         }
     }
@@ -119,10 +123,10 @@ mod tests {
         window.handle_acknowledged(SequenceNumber(10), SequenceNumber(20));
         assert_eq!(window.size(), 400, "nobody needed more");
         widen(&mut window, 1);
-        assert_eq!(window.size(), 500);
+        assert_eq!(window.size(), 425);
         window.admits(u64::MAX);
         window.handle_acknowledged(window.round_end.previous(), SequenceNumber(40));
-        assert_eq!(window.size(), 500, "not all of the round is acknowledged");
+        assert_eq!(window.size(), 425, "not all of the round is acknowledged");
         widen(&mut window, 100);
         assert_eq!(window.size(), 1600);
     }
@@ -130,6 +134,7 @@ mod tests {
     #[test]
     fn losses_of_one_round_count_once() {
         let mut window = window();
+        window.handle_acknowledged(SequenceNumber(4), SequenceNumber(20));
         window.handle_loss(SequenceNumber(5), SequenceNumber(20));
         window.handle_loss(SequenceNumber(6), SequenceNumber(30));
         window.handle_loss(SequenceNumber(19), SequenceNumber(30));

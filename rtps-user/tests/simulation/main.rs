@@ -5,6 +5,7 @@
 
 mod best_effort;
 mod durability;
+mod flow;
 mod fragments;
 mod history;
 mod hostile;

@@ -26,6 +26,8 @@ pub(crate) struct Conditions {
     pub(crate) duplication: u64,
     /// Bytes of the largest IP packet; sending a larger one is an error.
     pub(crate) mtu: usize,
+    /// Bytes that may be on their way to one node at a time; more get lost.
+    pub(crate) inbox: usize,
 }
 
 impl Conditions {
@@ -36,6 +38,7 @@ impl Conditions {
         loss: 0,
         duplication: 0,
         mtu: 1500,
+        inbox: usize::MAX,
     };
 
     /// Everything goes wrong.
@@ -45,6 +48,7 @@ impl Conditions {
         loss: 30,
         duplication: 10,
         mtu: 1500,
+        inbox: usize::MAX,
     };
 
     fn datagram_size(&self) -> usize {
@@ -57,6 +61,8 @@ impl Conditions {
 struct Node {
     endpoints: Endpoints,
     address: SocketAddr,
+    /// Bytes on their way to it.
+    inbox: usize,
 }
 
 #[derive(Clone, Debug)]
@@ -76,6 +82,8 @@ pub(crate) struct Network {
     pub(crate) is_hostile: bool,
     /// Datagrams sent so far.
     pub(crate) datagrams: usize,
+    /// Datagrams that inboxes had no room for.
+    pub(crate) overflown: usize,
     /// What happened to endpoints that was not asked for yet.
     pub(crate) events: Vec<(Guid, EndpointEvent)>,
     nodes: Vec<Node>,
@@ -96,6 +104,7 @@ impl Network {
             random: Random::new(seed),
             is_hostile: false,
             datagrams: 0,
+            overflown: 0,
             events: Vec::new(),
             nodes: Vec::new(),
             copies: 0,
@@ -280,14 +289,12 @@ impl Network {
                 return;
             }
             let datagram = entry.remove();
-            let node = self
-                .nodes
-                .iter_mut()
-                .find(|node| node.address == datagram.to);
-            if let Some(node) = node {
-                let result =
-                    node.endpoints
-                        .handle_datagram(self.now, datagram.from, &datagram.bytes);
+            let now = self.now;
+            if let Some(node) = self.node_at(datagram.to) {
+                node.inbox -= datagram.bytes.len();
+                let result = node
+                    .endpoints
+                    .handle_datagram(now, datagram.from, &datagram.bytes);
                 assert!(result.is_ok() || self.is_hostile, "{result:?}");
             }
         }
@@ -322,6 +329,10 @@ impl Network {
             if self.random.percent(self.conditions.loss) {
                 continue;
             }
+            if !self.has_room(*to, bytes.len()) {
+                self.overflown += 1;
+                continue;
+            }
             let copies = 1 + usize::from(self.random.percent(self.conditions.duplication));
             for _ in 0..copies {
                 let jitter = self.random.up_to(self.conditions.jitter);
@@ -332,9 +343,22 @@ impl Network {
                     bytes: bytes.to_vec(),
                 };
                 self.copies += 1;
+                if let Some(node) = self.node_at(*to) {
+                    node.inbox += bytes.len();
+                }
                 self.in_flight.insert((at, self.copies), datagram);
             }
         }
+    }
+
+    fn node_at(&mut self, address: SocketAddr) -> Option<&mut Node> {
+        self.nodes.iter_mut().find(|node| node.address == address)
+    }
+
+    fn has_room(&mut self, address: SocketAddr, bytes: usize) -> bool {
+        let inbox = self.conditions.inbox;
+        self.node_at(address)
+            .is_none_or(|node| node.inbox.saturating_add(bytes) <= inbox)
     }
 
     fn add_node(&mut self, entity: EntityId) -> Guid {
@@ -345,6 +369,7 @@ impl Network {
         self.nodes.push(Node {
             endpoints: Endpoints::new(prefix),
             address: SocketAddr::from((Ipv4Addr::new(10, 0, 0, index as u8), 7411)),
+            inbox: 0,
         });
         Guid::new(prefix, entity)
     }

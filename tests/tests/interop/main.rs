@@ -6,6 +6,7 @@
 mod best_effort;
 mod coexistence;
 mod durability;
+mod fan_out;
 mod flow;
 mod instances;
 mod ipv6;

@@ -75,6 +75,7 @@ impl Layer {
         xdp(&mut ebpf)?.load()?;
         filter(&mut ebpf)?.load()?;
         ingress(&mut ebpf)?.load()?;
+        fan_out(&mut ebpf)?.load()?;
         let news = ebpf.take_map(name::NEWS).context("no ring for news")?;
         let mut layer = Self {
             ebpf,
@@ -261,19 +262,28 @@ impl Layer {
         Ok(())
     }
 
+    /// Puts the other one on the loopback interface of the current namespace.
+    pub(crate) fn attach_fan_out(&mut self) -> Result<()> {
+        fan_out(&mut self.ebpf)?.attach("lo", TcAttachType::Egress)?;
+        Ok(())
+    }
+
     /// Puts the filter on a socket.
     pub(crate) fn attach_filter(&mut self, socket: &UdpSocket) -> Result<()> {
         filter(&mut self.ebpf)?.attach(socket)?;
         Ok(())
     }
 
-    pub(crate) fn verified_instructions(&mut self) -> Result<[Option<u32>; 3]> {
+    pub(crate) fn verified_instructions(&mut self) -> Result<[Option<u32>; 4]> {
         Ok([
             xdp(&mut self.ebpf)?.info()?.verified_instruction_count(),
             ingress(&mut self.ebpf)?
                 .info()?
                 .verified_instruction_count(),
             filter(&mut self.ebpf)?.info()?.verified_instruction_count(),
+            fan_out(&mut self.ebpf)?
+                .info()?
+                .verified_instruction_count(),
         ])
     }
 
@@ -350,6 +360,13 @@ fn ingress(ebpf: &mut Ebpf) -> Result<&mut SchedClassifier> {
     let program = ebpf
         .program_mut(name::INGRESS_PROGRAM)
         .context("no tc program")?;
+    Ok(program.try_into()?)
+}
+
+fn fan_out(ebpf: &mut Ebpf) -> Result<&mut SchedClassifier> {
+    let program = ebpf
+        .program_mut(name::FAN_OUT_PROGRAM)
+        .context("no program for several destinations")?;
     Ok(program.try_into()?)
 }
 

@@ -2,10 +2,12 @@
 //!
 //! `valid` has what is passed or delivered, `hostile` what is dropped, `socket` the filter where it
 //! really sits; `discovery` what the kernel does in rtpsd's place, `strangers` who may make it do so,
-//! and `answers` how answers leave. `verifier` is about the programs themselves.
+//! and `answers` how answers leave; `fan_out` what apps send to
+//! several destinations. `verifier` is about the programs themselves.
 
 mod answers;
 mod discovery;
+mod fan_out;
 mod hostile;
 mod layer;
 mod socket;

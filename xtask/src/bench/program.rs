@@ -162,7 +162,9 @@ fn read_summary(summary: &Value) -> Result<Outcome> {
         lost: summary["lost"].as_u64(),
         ..Figures::default()
     };
-    let samples_per_s = figures.samples_per_s.or_else(|| round_trips.map(|rate| 2.0 * rate));
+    let samples_per_s = figures
+        .samples_per_s
+        .or_else(|| round_trips.map(|rate| 2.0 * rate));
     Ok(Outcome {
         samples_per_s: samples_per_s
             .filter(|rate| *rate > 0.0)

@@ -12,7 +12,9 @@ use rtps_tests::binaries::{self, Binaries};
 use rtps_tests::debian::{self, Package};
 use rtps_tests::link::Host;
 use rtps_tests::netns::Identity;
+use rtps_tests::peers::{self, Peer};
 use rtps_tests::process::Process;
+use rtps_tests::rustdds;
 
 use super::program::{Dialect, Program, Role, WARM_UP};
 use super::row::{Case, Stack};
@@ -29,6 +31,8 @@ pub(super) struct Programs {
     binaries: Binaries,
     /// This program, which is also the raw UDP ends.
     this: PathBuf,
+    fast_dds: Option<Peer>,
+    rust_dds: Option<PathBuf>,
 }
 
 /// What one program has to do.
@@ -46,9 +50,11 @@ impl Programs {
     /// Builds what is not up to date, and leaves out the cases of stacks that cannot be had here, saying so on standard
     /// error.
     pub(super) fn for_cases(cases: &mut Vec<Case>) -> Result<Self> {
-        let programs = Self {
+        let mut programs = Self {
             binaries: binaries::build()?,
             this: std::env::current_exe()?,
+            fast_dds: None,
+            rust_dds: None,
         };
         for stack in Stack::value_variants() {
             let is_wanted = cases.iter().any(|case| case.stack == *stack);
@@ -70,14 +76,21 @@ impl Programs {
         self.binaries.rtpsd()
     }
 
-    fn require(&self, stack: Stack) -> Result<()> {
+    fn require(&mut self, stack: Stack) -> Result<()> {
         const DDSPERF: Package = Package::new("cyclonedds-tools", "/usr/bin/ddsperf");
         match stack {
             Stack::Kernel | Stack::KernelSpin | Stack::InProcess | Stack::Udp | Stack::UdpSpin => {
                 Ok(())
             }
             Stack::Cyclone => debian::ensure_installed(&[DDSPERF]),
-            Stack::Fastdds | Stack::Rustdds => anyhow::bail!("there is no program for it"),
+            Stack::Fastdds => {
+                self.fast_dds = Some(peers::fast_dds_perf()?);
+                Ok(())
+            }
+            Stack::Rustdds => {
+                self.rust_dds = Some(rustdds::build()?);
+                Ok(())
+            }
         }
     }
 
@@ -89,7 +102,8 @@ impl Programs {
             }
             Stack::Udp | Stack::UdpSpin => (self.udp(part), Dialect::Json),
             Stack::Cyclone => (cyclone(part), Dialect::Ddsperf),
-            Stack::Fastdds | Stack::Rustdds => anyhow::bail!("there is no program for it"),
+            Stack::Fastdds => (self.fast_dds(part)?, Dialect::Json),
+            Stack::Rustdds => (self.rust_dds(part)?, Dialect::Json),
         };
         let label = format!("{} {}", part.case.stack.name(), part.role.name());
         let process = pinned(part.cpu(), || Process::spawn(&label, &mut command))??;
@@ -107,9 +121,28 @@ impl Programs {
         if stack == Stack::KernelSpin {
             command.env("RTPS_BUSY_POLL_US", SPIN_US);
         }
-        if part.role == Role::Publish {
-            command.args(["--peers", &part.others.len().to_string()]);
+        command.args(part.peers());
+        Ok(command)
+    }
+
+    fn fast_dds(&self, part: &Part<'_>) -> Result<Command> {
+        let peer = self.fast_dds.as_ref().context("Fast DDS is missing")?;
+        let Host { netns, interface } = part.host;
+        let mut command = peer.command(netns, interface, part.role.name());
+        command.args(part.common_arguments()).args(part.peers());
+        if !part.is_active() {
+            command.args(part.size());
         }
+        Ok(command)
+    }
+
+    fn rust_dds(&self, part: &Part<'_>) -> Result<Command> {
+        let program = self.rust_dds.as_ref().context("RustDDS is missing")?;
+        let mut command = part.host.netns.command(program);
+        command
+            .arg(part.role.name())
+            .args(part.common_arguments())
+            .args(part.peers());
         Ok(command)
     }
 
@@ -155,15 +188,31 @@ impl Part<'_> {
     fn common_arguments(&self) -> Vec<String> {
         let mut arguments = Vec::new();
         if self.is_active() {
-            arguments.extend(["--size".to_owned(), self.case.size.to_string()]);
+            arguments.extend(self.size());
         }
         if let Some(rate) = self.rate.filter(|_| self.role == Role::Publish) {
-            arguments.extend(["--rate".to_owned(), rate.to_string()]);
+            // As ddsperf does it: each millisecond what is due.
+            let burst = rate.div_ceil(1000).max(1);
+            arguments.extend(["--burst".to_owned(), burst.to_string()]);
+            let bursts = f64::from(rate) / f64::from(burst);
+            arguments.extend(["--rate".to_owned(), bursts.to_string()]);
         }
         if matches!(self.role, Role::Ping | Role::Subscribe) {
             arguments.extend(["--warm-up".to_owned(), WARM_UP.as_secs_f64().to_string()]);
         }
         arguments
+    }
+
+    fn size(&self) -> [String; 2] {
+        ["--size".to_owned(), self.case.size.to_string()]
+    }
+
+    /// How many readers a writer waits for.
+    fn peers(&self) -> Vec<String> {
+        match self.role {
+            Role::Publish => vec!["--peers".to_owned(), self.others.len().to_string()],
+            Role::Ping | Role::Pong | Role::Subscribe => Vec::new(),
+        }
     }
 }
 

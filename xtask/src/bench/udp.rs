@@ -26,9 +26,12 @@ pub(crate) struct UdpEnd {
     /// Bytes of payload.
     #[arg(long, default_value_t = 100)]
     size: usize,
-    /// Datagrams a second; as many as can be unless given.
+    /// Bursts a second; as many as can be unless given.
     #[arg(long)]
-    rate: Option<u32>,
+    rate: Option<f64>,
+    /// Datagrams of a burst.
+    #[arg(long, default_value_t = 1)]
+    burst: u64,
     /// Seconds at the beginning that do not count.
     #[arg(long, default_value_t = 0.0)]
     warm_up: f64,
@@ -105,8 +108,8 @@ impl UdpEnd {
                 send(socket, *other, &buffer)?;
             }
             sent += 1;
-            if let Some(rate) = self.rate {
-                let due = start + Duration::from_secs_f64(sent as f64 / f64::from(rate));
+            if let Some(rate) = self.rate.filter(|_| sent.is_multiple_of(self.burst)) {
+                let due = start + Duration::from_secs_f64((sent / self.burst) as f64 / rate);
                 std::thread::sleep(due.saturating_duration_since(Instant::now()));
             }
         }

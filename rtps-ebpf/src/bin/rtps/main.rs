@@ -1,9 +1,11 @@
-//! The kernel programs: one demultiplexer behind three hooks.
+//! The kernel programs: one demultiplexer behind three hooks, and a fan-out behind a fourth.
 //!
 //! `rtps_xdp` takes unicast, unfragmented datagrams that concern apps only. `rtps_ingress` takes what
 //! concerns the built-in endpoints, and does their work: it remembers, answers, and tells rtpsd the
 //! news. Whatever both pass reaches the layer's own UDP sockets, where `rtps_filter` does the same but
 //! for answers. So exactly one hook delivers each datagram.
+//!
+//! In the other direction, `rtps_fan_out` sends to several destinations what an app has sent once.
 //!
 //! Build with `cargo xtask build-ebpf`.
 #![no_std]
@@ -22,6 +24,7 @@
 mod deliver;
 mod emit;
 mod exchange;
+mod fan_out;
 mod filter;
 mod ingress;
 mod maps;
@@ -50,6 +53,12 @@ pub fn rtps_ingress(context: TcContext) -> i32 {
 #[socket_filter]
 pub fn rtps_filter(context: SkBuffContext) -> i64 {
     filter::handle(&sys::SocketBuffer::new(&context))
+}
+
+/// Hook 4: every packet that a process sends over the loopback interface.
+#[classifier]
+pub fn rtps_fan_out(context: TcContext) -> i32 {
+    fan_out::handle(&sys::LinkBuffer::new(&context))
 }
 
 /// What the kernel reads as the programs' licence; GPL-compatible, as some helpers demand.

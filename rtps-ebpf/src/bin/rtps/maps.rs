@@ -1,6 +1,7 @@
 //! The maps, each behind a function that says what the programs want of it.
 
 mod counters;
+mod fan_outs;
 mod participants;
 mod rings;
 mod scratch;
@@ -18,6 +19,7 @@ use rtps_ebpf::{
 };
 
 pub(crate) use counters::Counters;
+pub(crate) use fan_outs::{destination, emission, fan_out, sender};
 use participants::may_send;
 pub(crate) use participants::{
     Progress, is_peer, known, remember, renew, spend, spend_of_source, update,

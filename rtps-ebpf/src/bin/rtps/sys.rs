@@ -1,6 +1,7 @@
 //! Packets and helper functions: with `maps`, the only unsafe code of the programs.
 
 mod buffer;
+mod egress;
 mod frame;
 
 use core::{

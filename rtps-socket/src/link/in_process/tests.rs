@@ -11,7 +11,7 @@ fn open() -> (InProcessLink, Arc<Epoll>) {
         name: "test".to_owned(),
         layer: crate::LayerChoice::InProcess,
         ring_bytes: 0,
-        busy_poll: Duration::ZERO,
+        busy_poll: None,
         peers: Vec::new(),
     };
     let epoll = Arc::new(Epoll::new().unwrap());

@@ -138,7 +138,7 @@ impl Control {
                 self.declared.remove(entity);
             }
             ToLayer::Describe(user_data) => self.described.clone_from(user_data),
-            ToLayer::Hello(_) | ToLayer::AssertLiveliness => {}
+            ToLayer::Hello(_) | ToLayer::AssertLiveliness | ToLayer::FanOut(_) => {}
         }
         // Without a connection there is nothing to queue: coming back declares everything anew.
         if let State::Attached(_) = self.state {

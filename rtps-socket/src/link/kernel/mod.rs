@@ -4,6 +4,7 @@
 mod channels;
 mod control;
 mod doorbell;
+mod fan_out;
 mod outlet;
 mod patience;
 mod places;
@@ -25,6 +26,7 @@ use thiserror::Error;
 use self::channels::Channels;
 use self::control::{Control, ControlEvent};
 use self::doorbell::Doorbell;
+use self::fan_out::FanOut;
 use self::outlet::Outlet;
 use self::places::Places;
 use super::{Arrivals, Burst, FIRST, Identity, LayerKind, Link, Settings, Sink, log_send_error};
@@ -78,6 +80,8 @@ pub(crate) struct KernelLink {
     sender: Sender,
     /// To IPv6 destinations.
     outlet: Outlet,
+    /// To several IPv4 destinations at once.
+    fan_out: FanOut,
     /// To and from other apps of this host.
     channels: Channels,
     places: Arc<Places>,
@@ -118,6 +122,7 @@ impl KernelLink {
             doorbell: Doorbell::new(socket),
             sender: Sender::default(),
             outlet: Outlet::default(),
+            fan_out: FanOut::default(),
             channels: Channels::new(epoll),
             control,
             epoll: Arc::clone(epoll),
@@ -157,7 +162,10 @@ impl KernelLink {
                 self.control.close();
             }
             ControlEvent::Welcome(_, fds) => match self.resume(fds) {
-                Ok(()) => self.control.attached(now),
+                Ok(()) => {
+                    self.fan_out.reconnected();
+                    self.control.attached(now);
+                }
                 Err(error) => self.control.give_up(now, &error.to_string()),
             },
             ControlEvent::Channel(slot, fds) => {
@@ -193,14 +201,22 @@ impl Link for KernelLink {
     }
 
     fn poll_message(&mut self) -> Option<FromLayer> {
-        self.control.poll_message()
+        loop {
+            match self.control.poll_message()? {
+                FromLayer::FanOut {
+                    number,
+                    destinations,
+                } => self.fan_out.answered(number, &destinations),
+                message => return Some(message),
+            }
+        }
     }
 
     fn send(&mut self, burst: &Burst<'_>) {
         if self.is_lost {
             return;
         }
-        for destination in burst.destinations {
+        for destination in self.fan_out.send(burst) {
             if let Some(slot) = local::slot(*destination) {
                 if !self.channels.send(slot, burst) {
                     tracing::debug!(slot, "the channel to another app is full");
@@ -230,6 +246,9 @@ impl Link for KernelLink {
             });
         self.doorbell.took(records, wakeups.contains(DOORBELL));
         self.channels.receive(sink);
+        while let Some(request) = self.fan_out.poll_request() {
+            self.control.request(now, request);
+        }
         if wakeups.contains(CONTROL) {
             while let Some(event) = self.control.receive(now) {
                 self.handle_control(now, event);

@@ -106,6 +106,12 @@ impl Netns {
         self.within(|| query().1.len())
     }
 
+    /// How many tc programs take what is sent over the loopback interface.
+    pub(crate) fn fan_outs(&self) -> usize {
+        let query = || SchedClassifier::query_tcx("lo", TcAttachType::Egress).unwrap();
+        self.within(|| query().1.len())
+    }
+
     pub(crate) fn pins(&self) -> PathBuf {
         PinFolder::of_namespace(self.inode).path().to_owned()
     }
@@ -116,7 +122,8 @@ impl Netns {
 
     /// Whether no trace of the layer is left. A link without pin is freed a moment later.
     pub(crate) fn is_clean(&self) -> bool {
-        wait_until(|| !self.has_xdp() && self.classifiers() == 0)
+        let is_detached = || !self.has_xdp() && self.classifiers() == 0 && self.fan_outs() == 0;
+        wait_until(is_detached)
             && !self.pins().exists()
             && !self.run_folder().layer_socket().parent().unwrap().exists()
     }

@@ -103,7 +103,7 @@ impl Kernel {
     /// Does what the layer wants.
     pub(super) fn apply(&mut self, change: KernelChange) {
         match change {
-            KernelChange::Route { .. } => {}
+            KernelChange::Route { .. } | KernelChange::FanOut { .. } => {}
             KernelChange::Peer {
                 prefix,
                 addresses,

@@ -2,6 +2,7 @@
 
 mod channels;
 mod equality;
+mod fan_out;
 mod hostile;
 mod kernel;
 mod low_level;

@@ -97,7 +97,7 @@ impl Bytes for SocketBuffer {
 
 /// A frame at the tc hook: data begins at the Ethernet header, without the outer VLAN tag.
 pub(crate) struct LinkBuffer {
-    context: *mut __sk_buff,
+    pub(super) context: *mut __sk_buff,
     len: u32,
 }
 
@@ -275,6 +275,6 @@ fn load_buffer<const N: usize>(context: *mut __sk_buff, offset: u32) -> Option<[
 }
 
 #[inline(always)]
-const fn succeed(result: i64) -> Result<(), ()> {
+pub(super) const fn succeed(result: i64) -> Result<(), ()> {
     if result == 0 { Ok(()) } else { Err(()) }
 }

@@ -1,5 +1,8 @@
 //! A writer alone, its readers played by hand: exactly which submessages leave it, and when.
 
+mod flow;
+mod shared;
+
 use std::net::SocketAddr;
 use std::time::{Duration, Instant};
 
@@ -53,11 +56,15 @@ type Sent = (Vec<SocketAddr>, Vec<String>);
 
 impl Bench {
     fn new(qos: Qos) -> Self {
+        Self::with_timing(qos, WriterTiming::default())
+    }
+
+    fn with_timing(qos: Qos, timing: WriterTiming) -> Self {
         let config = WriterConfig {
             guid: writer_guid(),
             qos,
             datagram_size: DATAGRAM,
-            timing: WriterTiming::default(),
+            timing,
         };
         Self {
             writer: Writer::new(config),
