@@ -11,6 +11,7 @@ pub mod endpoints;
 pub mod history;
 pub mod ipv6;
 pub mod layer;
+pub mod local;
 pub mod qos;
 pub mod reader;
 mod remote;

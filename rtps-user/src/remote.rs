@@ -13,7 +13,8 @@ pub struct RemoteEndpoint {
     /// Its name.
     pub guid: Guid,
     /// Where to send what is for it, best first: its own unicast locators or its participant's default ones,
-    /// those that we can reach; one of them is enough.
+    /// those that we can reach; one of them is enough. Of another app of this host it may be a [`local`](crate::local)
+    /// one.
     pub unicast: Vec<SocketAddr>,
     /// Where its datagrams may come from: what others send in its name is not taken. Empty where that is not checked,
     /// between endpoints of one host.

@@ -313,7 +313,10 @@ impl Core {
                 self.report_all(&StatusEvent::Refused { reason });
             }
             // These are for the link.
-            FromLayer::Welcome(_) | FromLayer::FanOut { .. } => {}
+            FromLayer::Welcome(_)
+            | FromLayer::FanOut { .. }
+            | FromLayer::Channel { .. }
+            | FromLayer::ChannelClosed { .. } => {}
         }
     }
 

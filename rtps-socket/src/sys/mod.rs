@@ -1,10 +1,11 @@
 //! Everything that needs `unsafe`: memory shared with the kernel, and system calls that have no safe wrapper.
 //!
-//! [`RingConsumer`] and [`Bell`] map what the kernel layer hands to an app, [`Epoll`] waits with nanosecond
-//! timeouts, and [`seqpacket`], [`udp`], [`receive`] and [`fan_out`] are the sockets of the two links. What leaves this
-//! room is safe to call in any order.
+//! [`RingConsumer`] and [`Bell`] map what the kernel layer hands to an app, [`channel`] what connects it with other apps
+//! of the host, [`Epoll`] waits with nanosecond timeouts, and [`seqpacket`], [`udp`], [`receive`] and [`fan_out`] are
+//! the sockets of the two links. What leaves this room is safe to call in any order.
 
 mod bell;
+pub(crate) mod channel;
 mod epoll;
 pub(crate) mod fan_out;
 mod mapping;

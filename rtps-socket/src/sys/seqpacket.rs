@@ -8,8 +8,8 @@ use std::path::Path;
 
 use super::{check, check_len};
 
-/// The most descriptors that come with one packet: the ring and the bell.
-const MAX_FDS: usize = 2;
+/// The most descriptors that come with one packet: those of a channel.
+const MAX_FDS: usize = rtps_user::layer::protocol::CHANNEL_DESCRIPTORS;
 
 /// A connected `SOCK_SEQPACKET` socket.
 #[derive(Debug)]
@@ -61,7 +61,7 @@ impl SeqPacket {
             iov_base: buffer.as_mut_ptr().cast(),
             iov_len: buffer.len(),
         };
-        // Aligned for `cmsghdr`, and larger than CMSG_SPACE of two descriptors.
+        // Aligned for `cmsghdr`, and larger than CMSG_SPACE of so many descriptors.
         let mut control = [0u64; 8];
         message.msg_iov = &raw mut part;
         message.msg_iovlen = 1;

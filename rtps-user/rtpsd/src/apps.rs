@@ -307,14 +307,15 @@ impl Apps {
             if replies.is_empty() {
                 return;
             }
-            for (slot, message) in replies {
+            for reply in replies {
+                let slot = reply.slot;
                 let Some(id) = self.by_slot.get(&slot).copied() else {
                     continue;
                 };
                 let Some(connection) = self.connections.get_mut(&id) else {
                     continue;
                 };
-                match connection.socket.send(&message, Vec::new()) {
+                match connection.socket.send(&reply.message, reply.descriptors) {
                     Ok(()) => self.update_interest(id, readiness),
                     Err(failure) => {
                         debug!(slot, ?failure, "app cannot be told anything");

@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::net::{Ipv4Addr, SocketAddr};
+use std::os::fd::OwnedFd;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
@@ -13,6 +14,7 @@ use rtps_user::layer::{KernelChange, Layer, LayerConfig, LayerOutput};
 use rtps_user::wire::{Guid, GuidPrefix, VendorId};
 use tracing::{debug, info, warn};
 
+use crate::channel;
 use crate::cli::{Discovery, Options, Peer};
 use crate::kernel_maps::{BuiltinSample, KernelMaps, builtin_reader, monotonic_now};
 use crate::news::Item;
@@ -230,7 +232,10 @@ impl DomainHost {
                             .send(&datagram, destination, effects.interfaces);
                     }
                 }
-                LayerOutput::Reply { slot, message } => effects.replies.push((slot, message)),
+                LayerOutput::Reply { slot, message } => {
+                    effects.replies.push(Reply::new(slot, message))
+                }
+                LayerOutput::Channel(slots) => self.connect(slots, effects),
                 LayerOutput::Kernel(change) => {
                     if let Err(error) = self.change_kernel(change, effects) {
                         warn!("{error:#}");
@@ -244,6 +249,17 @@ impl DomainHost {
             }
         }
         self.datagram = datagram;
+    }
+
+    /// Connects two apps by shared memory.
+    fn connect(&mut self, slots: [u8; 2], effects: &mut Effects<'_>) {
+        match channel::open(slots) {
+            Ok(ends) => effects.replies.extend(ends),
+            Err(error) => {
+                warn!(?slots, "two apps go without shared memory: {error:#}");
+                self.layer.refuse_channel(slots);
+            }
+        }
     }
 
     fn change_kernel(&self, change: KernelChange, effects: &mut Effects<'_>) -> Result<()> {
@@ -305,7 +321,7 @@ impl DomainHost {
             number: fan_out.number,
             destinations,
         };
-        effects.replies.push((slot, message));
+        effects.replies.push(Reply::new(slot, message));
         outcome
     }
 }
@@ -314,8 +330,26 @@ impl DomainHost {
 pub(crate) struct Effects<'a> {
     pub(crate) kernel: &'a mut KernelMaps,
     pub(crate) interfaces: &'a [Interface],
-    /// For the apps in these slots.
-    pub(crate) replies: &'a mut Vec<(u8, FromLayer)>,
+    pub(crate) replies: &'a mut Vec<Reply>,
+}
+
+/// What an app is to be told.
+pub(crate) struct Reply {
+    pub(crate) slot: u8,
+    pub(crate) message: FromLayer,
+    /// What it gets beside the message.
+    pub(crate) descriptors: Vec<OwnedFd>,
+}
+
+impl Reply {
+    /// The message alone.
+    pub(crate) fn new(slot: u8, message: FromLayer) -> Self {
+        Self {
+            slot,
+            message,
+            descriptors: Vec::new(),
+        }
+    }
 }
 
 fn layer_config(
@@ -350,6 +384,7 @@ fn layer_config(
         announce_period: (options.lease / 4).min(ANNOUNCE_PERIOD),
         datagram_size: rtps_net::datagram_size(setting.interfaces),
         count_age: age_of_counts(identity, setting.now),
+        channels: true,
         kernel_discovery: options.discovery == Discovery::Kernel,
         bind_addresses: !options.any_source,
         resume_grace: crate::host::RESUME_GRACE,

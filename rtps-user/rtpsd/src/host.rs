@@ -14,7 +14,7 @@ use rtps_user::layer::protocol::{FromLayer, Hello, LAYER_PROTOCOL_VERSION, ToLay
 use tracing::{debug, error, info, warn};
 
 use crate::attachment::Attachment;
-use crate::domain::{DomainHost, Effects};
+use crate::domain::{DomainHost, Effects, Reply};
 use crate::inboxes::{Inboxes, Made, Order};
 use crate::kernel_maps::{KernelMaps, monotonic_now};
 use crate::news::News;
@@ -68,7 +68,7 @@ pub(crate) struct Host {
     life: SignOfLife,
     occupied: SlotSet,
     awaited: BTreeMap<u8, Awaited>,
-    replies: Vec<(u8, FromLayer)>,
+    replies: Vec<Reply>,
     /// Indices of interfaces that came back, and to which the programs could not be attached yet.
     unattached: BTreeSet<u32>,
     max_ring: u32,
@@ -364,7 +364,7 @@ impl Host {
                 number: list.number,
                 destinations: list.destinations,
             };
-            self.replies.push((list.slot, message));
+            self.replies.push(Reply::new(list.slot, message));
         }
         self.drain_all(now);
     }
@@ -412,8 +412,8 @@ impl Host {
         self.drain_all(now);
     }
 
-    /// What is to be told to the apps in these slots, in this order.
-    pub(crate) fn take_replies(&mut self) -> Vec<(u8, FromLayer)> {
+    /// What is to be told to apps, in this order.
+    pub(crate) fn take_replies(&mut self) -> Vec<Reply> {
         std::mem::take(&mut self.replies)
     }
 

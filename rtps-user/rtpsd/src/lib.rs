@@ -11,6 +11,7 @@
 
 mod apps;
 mod attachment;
+mod channel;
 mod cli;
 mod daemon;
 mod domain;

@@ -8,7 +8,10 @@ use std::time::Duration;
 
 use aya::maps::{MapData, MapType};
 use nix::sys::signal::{Signal, kill};
-use rtps_user::layer::protocol::{Endpoint, FromLayer, Resume, ToLayer, Welcome};
+use rtps_user::layer::protocol::{
+    CHANNEL_DESCRIPTORS, Endpoint, FromLayer, Resume, ToLayer, Welcome,
+};
+use rtps_user::local;
 use rtps_user::qos::Qos;
 use rtps_user::wire::{EntityId, EntityKind, Guid};
 use rtpsd::AttachedMode;
@@ -238,6 +241,36 @@ fn an_app_gets_ring_and_bell_until_it_goes() {
     assert_eq!(status.apps[0].ring_fill, 0);
     drop(app);
     assert!(wait_until(|| netns.status().apps.is_empty()));
+}
+
+#[test]
+fn two_apps_get_a_channel_before_their_first_match() {
+    let Some(netns) = Netns::new() else { return };
+    let _rtpsd = Rtpsd::start(&netns, &[]);
+    let kinds = [EntityKind::WriterNoKey, EntityKind::ReaderNoKey];
+    let apps = kinds.map(|kind| {
+        let app = AppSocket::connect(&netns);
+        let slot = welcome(app.hello(hello(0, None)).0).slot;
+        (app, slot, EntityId::of_app(slot, 1, kind))
+    });
+    for (app, _, entity) in &apps {
+        app.send(&declaration(*entity));
+    }
+    let [(writer, a, _), (reader, b, _)] = apps;
+    for (app, other) in [(&writer, b), (&reader, a)] {
+        let (message, descriptors) = app.receive().unwrap();
+        assert_eq!(message, FromLayer::Channel { slot: other });
+        assert_eq!(descriptors.len(), CHANNEL_DESCRIPTORS);
+        let Some((FromLayer::Matched { remote, .. }, _)) = app.receive() else {
+            panic!("no match");
+        };
+        assert_eq!(remote.unicast, [local::address(other)]);
+    }
+    drop(reader);
+    let unmatched = writer.receive().unwrap().0;
+    assert!(matches!(unmatched, FromLayer::Unmatched { .. }));
+    let closed = FromLayer::ChannelClosed { slot: b };
+    assert_eq!(writer.receive().unwrap().0, closed);
 }
 
 #[test]

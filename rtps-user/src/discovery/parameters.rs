@@ -1,13 +1,13 @@
 //! The parameters of discovery data beside those of QoS policies (RTPS 2.5 table 9.14), and what reading and
 //! writing of participants and endpoints have in common.
 
-use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::net::{IpAddr, SocketAddr};
 
-use crate::ipv6;
 use crate::qos::parameters::write_string;
 use crate::wire::{
     Cursor, Locator, PROTOCOL_VERSION, ParameterId, ParameterWriter, VendorId, WireError,
 };
+use crate::{ipv6, local};
 
 pub(super) const PARTICIPANT_LEASE_DURATION: ParameterId = ParameterId(0x0002);
 pub(super) const TOPIC_NAME: ParameterId = ParameterId(0x0005);
@@ -44,10 +44,13 @@ pub(super) fn read_locator(
     Ok(())
 }
 
-/// The interface of a link-local address is ours to say.
+/// The interface of a link-local address is ours to say, and so are the addresses within this host.
 fn is_destination(ip: IpAddr) -> bool {
-    let is_unspecified = ip.is_unspecified() || ip == IpAddr::from(Ipv4Addr::BROADCAST);
-    !is_unspecified && ipv6::interface_of(ip) == 0
+    let is_nowhere = match ip {
+        IpAddr::V4(v4) => local::is_local(ip) || v4.is_broadcast(),
+        IpAddr::V6(v6) => v6.is_unspecified(),
+    };
+    !is_nowhere && ipv6::interface_of(ip) == 0
 }
 
 /// Unicast addresses in the order in which to try them: that which the participant's datagrams come from, then those
@@ -156,6 +159,7 @@ mod tests {
         let mut list = Vec::new();
         for address in [
             "0.0.0.0:1",
+            "0.0.0.1:7400",
             "255.255.255.255:1",
             "[::]:1",
             "[fe80:0:0:1::1]:1",

@@ -77,6 +77,12 @@ impl Apps {
         self.by_slot.get_mut(&slot)
     }
 
+    /// Whether there is an app in this slot, and it can be told something.
+    pub(super) fn is_attached(&self, slot: u8) -> bool {
+        let app = self.by_slot.get(&slot);
+        app.is_some_and(|app| app.backlog.is_none())
+    }
+
     /// The app that was in this slot before a restart of the layer and has not come back yet.
     pub(super) fn returning(&mut self, resume: Resume) -> Option<&mut App> {
         self.by_slot

@@ -21,7 +21,7 @@ pub struct LayerConfig {
     pub metatraffic: Vec<SocketAddr>,
     /// Where the host's apps receive samples: announced as default unicast locators.
     pub user: Vec<SocketAddr>,
-    /// Where the apps of this host reach each other.
+    /// Where the apps of this host reach each other without channels, and an app itself.
     pub loopback: SocketAddr,
     /// Where announcements go beside the multicast group: addresses of hosts that multicast does not reach.
     pub peers: Vec<SocketAddr>,
@@ -39,6 +39,9 @@ pub struct LayerConfig {
     /// The low-level layer answers discovery messages and hands over the news
     /// ([`handle_answered`](super::Layer::handle_answered)); it is told what it needs for that.
     pub kernel_discovery: bool,
+    /// Apps of this host are connected by shared memory ([`LayerOutput::Channel`](super::LayerOutput::Channel)); else
+    /// they reach each other at `loopback`.
+    pub channels: bool,
     /// Datagrams of a participant are taken only from its own addresses; to be switched off for hosts that send from
     /// addresses that they do not announce.
     pub bind_addresses: bool,
@@ -87,6 +90,7 @@ impl LayerConfig {
             datagram_size: 1472,
             count_age: Duration::ZERO,
             kernel_discovery: false,
+            channels: false,
             bind_addresses: true,
             started: Timestamp::default(),
             resume_grace: Duration::from_secs(5),

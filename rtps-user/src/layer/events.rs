@@ -95,8 +95,8 @@ impl Layer {
         }
         let message = match change.now {
             None => return,
-            Some(Outcome::Matched) => match self.matchmaker.endpoint(remote) {
-                Some(endpoint) => matched(local, endpoint.clone()),
+            Some(Outcome::Matched) => match self.match_of(local, remote) {
+                Some(message) => message,
                 None => return,
             },
             Some(Outcome::Incompatible(policy)) => FromLayer::IncompatibleQos {
@@ -107,6 +107,15 @@ impl Layer {
             Some(Outcome::InconsistentTopic) => FromLayer::InconsistentTopic { local, remote },
         };
         self.reply(local.slot(), message);
+    }
+
+    /// What the app of `local` is told of a match.
+    pub(super) fn match_of(&mut self, local: EntityId, remote: Guid) -> Option<FromLayer> {
+        let mut endpoint = self.matchmaker.endpoint(remote)?.clone();
+        if remote.prefix == self.config.prefix {
+            self.locate(local.slot(), &mut endpoint);
+        }
+        Some(matched(local, endpoint))
     }
 
     fn tell_liveliness(&mut self, participant: GuidPrefix, manual: bool) {

@@ -14,6 +14,7 @@
 //! outputs that follow from it are drained, for it is acknowledged.
 
 mod apps;
+mod channels;
 mod config;
 mod declare;
 mod describe;
@@ -33,6 +34,7 @@ use std::net::SocketAddr;
 use std::time::Instant;
 
 use apps::{App, Apps};
+use channels::Channels;
 pub use config::{LayerConfig, Limits};
 use describe::Descriptions;
 pub use outputs::{KernelChange, LayerOutput};
@@ -57,6 +59,7 @@ pub struct Layer {
     /// What the low-level layer has been told.
     routes: BTreeMap<Guid, SlotSet>,
     peers: Peers,
+    channels: Channels,
     /// Remote endpoints that are too large for the store: they must be announced again after a restart.
     unstorable: BTreeSet<Guid>,
     outputs: VecDeque<LayerOutput>,
@@ -72,6 +75,7 @@ impl Layer {
             descriptions: Descriptions::default(),
             routes: BTreeMap::new(),
             peers: Peers::default(),
+            channels: Channels::default(),
             unstorable: BTreeSet::new(),
             outputs: VecDeque::new(),
             config,
@@ -103,6 +107,7 @@ impl Layer {
         {
             app.grace = Some(now + self.config.resume_grace);
             let backlog = app.backlog.take().unwrap_or_default();
+            self.open_channels(resume.slot);
             for message in backlog {
                 self.reply(resume.slot, message);
             }
@@ -166,6 +171,7 @@ impl Layer {
         for declared in app.endpoints.into_values() {
             self.withdraw_declared(now, &declared);
         }
+        self.close_channels(slot);
         self.forget(StoreKey::app(slot));
         self.describe(now, slot, Vec::new());
         self.refresh_automatic_lease(now);

@@ -22,6 +22,10 @@ pub enum LayerOutput {
         /// What.
         message: FromLayer,
     },
+    /// Make a channel between the apps in these slots, and tell each of the other's by [`FromLayer::Channel`]; where
+    /// that fails, call [`Layer::refuse_channel`](super::Layer::refuse_channel). Comes only with
+    /// [`channels`](super::LayerConfig::channels).
+    Channel([u8; 2]),
     /// Change what the low-level layer knows; the in-process layer ignores it.
     Kernel(KernelChange),
     /// Keep for a restart; the in-process layer ignores it.

@@ -1,7 +1,7 @@
 //! The layer protocol: what an app and the layer that it uses say to each other.
 //!
 //! The same values travel whatever carries them: a Unix `SOCK_SEQPACKET` socket to rtpsd (one postcard-encoded
-//! value a packet, the ring's and bell's descriptors beside [`FromLayer::Welcome`]) or a function call to the
+//! value a packet, descriptors beside [`FromLayer::Welcome`] and [`FromLayer::Channel`]) or a function call to the
 //! in-process layer. Samples never take this way.
 
 use std::net::SocketAddrV4;
@@ -86,6 +86,18 @@ pub enum FromLayer {
         /// Whether it was for MANUAL_BY_PARTICIPANT writers; else for AUTOMATIC ones.
         manual: bool,
     },
+    /// The app is connected by shared memory with another one of this host, which is at the slot's
+    /// [`local::address`](crate::local::address) from now on. Takes the place of an earlier channel with the same app.
+    /// Comes before the matches that need it.
+    Channel {
+        /// The other app.
+        slot: u8,
+    },
+    /// The other app of a channel is gone.
+    ChannelClosed {
+        /// The other app.
+        slot: u8,
+    },
     /// The answer to [`ToLayer::FanOut`], and told again when it changes.
     FanOut {
         /// The list's number.
@@ -94,6 +106,10 @@ pub enum FromLayer {
         destinations: Vec<SocketAddrV4>,
     },
 }
+
+/// How many descriptors come beside a [`FromLayer::Channel`]: the ring that the app fills, the pipe that wakes the other
+/// app, the ring that the other app fills, the pipe that wakes this one.
+pub const CHANNEL_DESCRIPTORS: usize = 4;
 
 /// Who wants to use the layer.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]

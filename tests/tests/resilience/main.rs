@@ -13,5 +13,6 @@ mod hostile;
 mod idle;
 mod isolation;
 mod many_apps;
+mod same_host;
 mod slow_app;
 mod unload;

@@ -127,7 +127,7 @@ impl InProcessLink {
                 LayerOutput::Transmit(transmit) => self.send_metatraffic(&transmit),
                 LayerOutput::Reply { message, .. } => self.inbox.push_back(message),
                 // There is no kernel layer, and a restart of this process is a new participant.
-                LayerOutput::Kernel(_) | LayerOutput::Store(_) => {}
+                LayerOutput::Kernel(_) | LayerOutput::Store(_) | LayerOutput::Channel(_) => {}
             }
         }
         self.due = self.layer.poll_timeout();

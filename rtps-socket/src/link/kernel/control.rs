@@ -45,6 +45,10 @@ pub(super) fn socket_path() -> io::Result<PathBuf> {
 pub(super) enum ControlEvent {
     /// rtpsd is back.
     Welcome(Box<Welcome>, Vec<OwnedFd>),
+    /// There is a channel with the app in this slot.
+    Channel(u8, Vec<OwnedFd>),
+    /// The channel is over.
+    ChannelClosed(u8),
     /// rtpsd is gone.
     Lost(String),
 }
@@ -170,6 +174,12 @@ impl Control {
             match postcard::from_bytes(self.buffer.get(..packet.len).unwrap_or_default()) {
                 Ok(FromLayer::Welcome(welcome)) => {
                     return Some(ControlEvent::Welcome(Box::new(welcome), packet.fds));
+                }
+                Ok(FromLayer::Channel { slot }) => {
+                    return Some(ControlEvent::Channel(slot, packet.fds));
+                }
+                Ok(FromLayer::ChannelClosed { slot }) => {
+                    return Some(ControlEvent::ChannelClosed(slot));
                 }
                 Ok(message) => self.take(now, message),
                 Err(_) => return self.lost(now, "it sent what is not of the layer protocol"),

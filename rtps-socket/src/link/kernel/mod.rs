@@ -1,10 +1,13 @@
 //! The kernel layer's link: an own ring that BPF programs fill, an own UDP socket that sends and is the doorbell,
 //! another one to send over IPv6, and the Unix socket to rtpsd, which may come and go without a sample lost.
 
+mod channels;
 mod control;
 mod doorbell;
 mod fan_out;
 mod outlet;
+mod patience;
+mod places;
 mod record;
 
 use std::io;
@@ -17,19 +20,24 @@ use std::time::Instant;
 use rtps_user::layer::protocol::{
     FromLayer, Hello, LAYER_PROTOCOL_VERSION, Resume, ToLayer, Welcome,
 };
+use rtps_user::local;
 use thiserror::Error;
 
+use self::channels::Channels;
 use self::control::{Control, ControlEvent};
 use self::doorbell::Doorbell;
 use self::fan_out::FanOut;
 use self::outlet::Outlet;
+use self::places::Places;
 use super::{Arrivals, Burst, FIRST, Identity, LayerKind, Link, Settings, Sink, log_send_error};
 use crate::link::sender::Sender;
-use crate::sys::{Bell, Epoll, Interest, Ring, RingConsumer, Wakeups};
+use crate::sys::{Bell, Epoll, Interest, RingConsumer, Wakeups};
 
 const CONTROL: u8 = FIRST;
 const DOORBELL: u8 = FIRST + 1;
 const RING: u8 = FIRST + 2;
+/// All channels, which need not be told apart.
+const CHANNEL: u8 = FIRST + 3;
 
 /// Records that one call takes out of the ring: bounds how long timers wait in a flood.
 const RECORDS_AT_ONCE: usize = 64;
@@ -74,6 +82,9 @@ pub(crate) struct KernelLink {
     outlet: Outlet,
     /// To several IPv4 destinations at once.
     fan_out: FanOut,
+    /// To and from other apps of this host.
+    channels: Channels,
+    places: Arc<Places>,
     control: Control,
     epoll: Arc<Epoll>,
     is_lost: bool,
@@ -99,14 +110,20 @@ impl KernelLink {
             slot: welcome.slot,
             token: welcome.token,
         });
+        let places = Places {
+            ring: Arc::clone(ring.ring()),
+            inlets: Vec::new(),
+        };
         Ok(Self {
             identity: identity(&welcome),
+            places: Arc::new(places),
             ring,
             bell,
             doorbell: Doorbell::new(socket),
             sender: Sender::default(),
             outlet: Outlet::default(),
             fan_out: FanOut::default(),
+            channels: Channels::new(epoll),
             control,
             epoll: Arc::clone(epoll),
             is_lost: false,
@@ -120,8 +137,16 @@ impl KernelLink {
             let (ring, bell) = map(fds)?;
             self.epoll.add(ring.as_fd(), RING, Interest::Level)?;
             (self.ring, self.bell) = (ring, bell);
+            self.note_places();
         }
         Ok(())
+    }
+
+    fn note_places(&mut self) {
+        self.places = Arc::new(Places {
+            ring: Arc::clone(self.ring.ring()),
+            inlets: self.channels.inlets(),
+        });
     }
 
     fn handle_control(&mut self, now: Instant, event: ControlEvent) {
@@ -143,6 +168,16 @@ impl KernelLink {
                 }
                 Err(error) => self.control.give_up(now, &error.to_string()),
             },
+            ControlEvent::Channel(slot, fds) => {
+                if let Err(error) = self.channels.open(slot, fds) {
+                    tracing::error!(slot, %error, "another app of this host cannot be reached");
+                }
+                self.note_places();
+            }
+            ControlEvent::ChannelClosed(slot) => {
+                self.channels.close(slot);
+                self.note_places();
+            }
             ControlEvent::Lost(why) => {
                 tracing::warn!(
                     "rtpsd is gone ({why}): data keep flowing, matching waits for its return"
@@ -182,6 +217,12 @@ impl Link for KernelLink {
             return;
         }
         for destination in self.fan_out.send(burst) {
+            if let Some(slot) = local::slot(*destination) {
+                if !self.channels.send(slot, burst) {
+                    tracing::debug!(slot, "the channel to another app is full");
+                }
+                continue;
+            }
             let sent = match destination {
                 SocketAddr::V4(_) => self
                     .sender
@@ -198,35 +239,42 @@ impl Link for KernelLink {
         let records = self
             .ring
             .drain(RECORDS_AT_ONCE, |record| match record::parse(record) {
+                // Those addresses are for what comes out of channels.
+                Some((source, _)) if local::is_local(source.ip()) => {}
                 Some((source, message)) => sink(source, message),
                 None => tracing::warn!(len = record.len(), "a record of the ring is malformed"),
             });
         self.doorbell.took(records, wakeups.contains(DOORBELL));
+        self.channels.receive(sink);
         while let Some(request) = self.fan_out.poll_request() {
             self.control.request(now, request);
         }
-        if wakeups.contains(CONTROL)
-            && let Some(event) = self.control.receive(now)
-        {
-            self.handle_control(now, event);
+        if wakeups.contains(CONTROL) {
+            while let Some(event) = self.control.receive(now) {
+                self.handle_control(now, event);
+            }
         }
     }
 
     fn arrivals(&self) -> Option<Arc<dyn Arrivals>> {
-        Some(Arc::clone(self.ring.ring()) as Arc<dyn Arrivals>)
+        Some(Arc::clone(&self.places) as Arc<dyn Arrivals>)
     }
 
     fn prepare_sleep(&mut self) -> bool {
+        if self.channels.linger() {
+            return false;
+        }
         self.bell.arm();
-        let quiet = !self.ring.ring().has_record();
+        let quiet = self.channels.arm() && !self.ring.ring().has_record();
         if !quiet {
-            self.bell.disarm();
+            self.awake();
         }
         quiet
     }
 
     fn awake(&mut self) {
         self.bell.disarm();
+        self.channels.disarm();
     }
 
     fn poll_timeout(&self) -> Option<Instant> {
@@ -243,12 +291,6 @@ impl Link for KernelLink {
 
     /// Closing the socket says it all: rtpsd withdraws the endpoints of whoever is gone.
     fn shutdown(&mut self, _now: Instant) {}
-}
-
-impl Arrivals for Ring {
-    fn has_arrived(&self) -> bool {
-        self.has_record()
-    }
 }
 
 /// Whether the layer knows the app by the name that its endpoints have.

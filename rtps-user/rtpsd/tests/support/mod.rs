@@ -19,7 +19,9 @@ use nix::sys::socket::{
     send, socket,
 };
 use nix::unistd::{Pid, geteuid};
-use rtps_user::layer::protocol::{FromLayer, Hello, LAYER_PROTOCOL_VERSION, Resume, ToLayer};
+use rtps_user::layer::protocol::{
+    CHANNEL_DESCRIPTORS, FromLayer, Hello, LAYER_PROTOCOL_VERSION, Resume, ToLayer,
+};
 use rtps_user::wire::Guid;
 use rtpsd::{PinFolder, RunFolder, Status};
 
@@ -240,7 +242,7 @@ impl AppSocket {
     /// The next message and its descriptors; `None` at the end.
     pub(crate) fn receive(&self) -> Option<(FromLayer, Vec<OwnedFd>)> {
         let mut buffer = vec![0; 1 << 17];
-        let mut control = nix::cmsg_space!([i32; 2]);
+        let mut control = nix::cmsg_space!([i32; CHANNEL_DESCRIPTORS]);
         let mut slices = [IoSliceMut::new(&mut buffer)];
         let received = recvmsg::<()>(
             self.socket.as_raw_fd(),

@@ -25,6 +25,8 @@ pub(super) struct Host {
     pub(super) replies: Vec<(u8, FromLayer)>,
     pub(super) routes: BTreeMap<Guid, SlotSet>,
     pub(super) peers: BTreeSet<GuidPrefix>,
+    /// Channels that were to be made since a test last looked.
+    pub(super) channels: Vec<[u8; 2]>,
     pub(super) store: BTreeMap<StoreKey, Vec<u8>>,
     /// Whether datagrams reach it and leave it.
     pub(super) is_connected: bool,
@@ -132,6 +134,7 @@ impl Net {
             replies: Vec::new(),
             routes: BTreeMap::new(),
             peers: BTreeSet::new(),
+            channels: Vec::new(),
             store: BTreeMap::new(),
             is_connected: true,
             kernel: None,
@@ -374,6 +377,7 @@ impl Net {
                     check_route(&host.routes, slot, &message);
                     host.replies.push((slot, message));
                 }
+                LayerOutput::Channel(slots) => host.channels.push(slots),
                 LayerOutput::Kernel(KernelChange::Route { writer, slots }) => {
                     if slots.is_empty() {
                         host.routes.remove(&writer);
