@@ -2,10 +2,12 @@
 //! pays for it as well.
 //!
 //! The app says for how long, or whether at all. If it says nothing, a thread that was woken soon after it fell asleep
-//! looks for a moment before it sleeps again. Where that is in vain, because who would send shares the CPU or has
-//! nothing more to say, it is tried again ever more rarely.
+//! looks for a moment before it sleeps again, and lets other processes run between two looks: who is to answer may be
+//! waiting for the very same CPU. Where that is in vain it is tried ever more rarely. Where a third process wants the
+//! CPU, that one runs for as long as the scheduler likes, and no wake-up helps; then it is not tried for a while.
 
 use std::sync::MutexGuard;
+use std::thread;
 use std::time::{Duration, Instant};
 
 use super::{Core, Shared, clear};
@@ -18,6 +20,9 @@ const MOMENT: Duration = Duration::from_micros(50);
 const SHORT: Duration = Duration::from_micros(100);
 /// Waits without a look after many in vain.
 const MOST_SKIPPED: u32 = 4096;
+/// For how long nobody looks after a third process took the CPU, at first and at most.
+const REST_MIN: Duration = Duration::from_millis(100);
+const REST_MAX: Duration = Duration::from_secs(2);
 /// Other threads may have given the protocol something to do by then.
 const GLANCE: Duration = Duration::from_millis(1);
 /// Looks between two looks at the clock.
@@ -29,12 +34,24 @@ pub(super) struct Eagerness {
     was_short: bool,
     penalty: u32,
     skip: u32,
+    rest: Duration,
+    rests_until: Option<Instant>,
+}
+
+/// What came of looking.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+enum Look {
+    Found,
+    InVain,
+    /// Another process had the CPU for long.
+    Disturbed,
 }
 
 impl Eagerness {
     /// How long to look in the wait that begins now.
-    fn patience(&mut self) -> Duration {
-        if self.was_short && self.skip == 0 {
+    fn patience(&mut self, now: Instant) -> Duration {
+        let rests = self.rests_until.is_some_and(|end| now < end);
+        if self.was_short && self.skip == 0 && !rests {
             return MOMENT;
         }
         self.skip = self.skip.saturating_sub(1);
@@ -46,12 +63,20 @@ impl Eagerness {
         self.was_short = time < SHORT;
     }
 
-    fn looked(&mut self, in_vain: bool) {
-        self.penalty = match in_vain {
-            false => 0,
-            true => (self.penalty * 2).clamp(1, MOST_SKIPPED),
+    fn looked(&mut self, look: Look, now: Instant) {
+        self.penalty = match look {
+            Look::Found => 0,
+            Look::InVain | Look::Disturbed => (self.penalty * 2).clamp(1, MOST_SKIPPED),
         };
         self.skip = self.penalty;
+        if look == Look::Disturbed {
+            let is_again = self.rests_until.is_some_and(|end| now < end + REST_MAX);
+            self.rest = match is_again {
+                true => (self.rest * 2).min(REST_MAX),
+                false => REST_MIN,
+            };
+            self.rests_until = Some(now + self.rest);
+        }
     }
 }
 
@@ -64,9 +89,13 @@ pub(super) struct Spinning {
 
 impl Spinning {
     /// As long as the app says, `None` if it says nothing.
-    pub(super) fn new(busy_poll: Option<Duration>, eagerness: &mut Eagerness) -> Self {
+    pub(super) fn new(
+        busy_poll: Option<Duration>,
+        eagerness: &mut Eagerness,
+        now: Instant,
+    ) -> Self {
         Self {
-            patience: busy_poll.unwrap_or_else(|| eagerness.patience()),
+            patience: busy_poll.unwrap_or_else(|| eagerness.patience(now)),
             end: None,
             is_told: busy_poll.is_some(),
         }
@@ -81,12 +110,11 @@ impl Spinning {
         (now < end).then_some(end)
     }
 
-    /// Something arrived while looking, or it was in vain.
-    fn ended(&mut self, in_vain: bool, eagerness: &mut Eagerness) {
+    fn ended(&mut self, look: Look, eagerness: &mut Eagerness, now: Instant) {
         self.end = None;
         if !self.is_told {
-            eagerness.looked(in_vain);
-            if in_vain {
+            eagerness.looked(look, now);
+            if look != Look::Found {
                 self.patience = Duration::ZERO;
             }
         }
@@ -104,7 +132,7 @@ impl Shared {
     ) -> MutexGuard<'a, Core> {
         let Some(end) = spinning.goes_on(now) else {
             if spinning.end.is_some() {
-                spinning.ended(true, &mut core.seat.eagerness);
+                spinning.ended(Look::InVain, &mut core.seat.eagerness, now);
             }
             return self.sleep_in_seat(core, now, deadline);
         };
@@ -115,63 +143,85 @@ impl Shared {
             .fold(end.min(now + GLANCE), Instant::min);
         let arrivals = core.arrivals();
         self.release(core);
-        let wakeups = match arrivals {
-            Some(arrivals) => {
-                look_until(end, || arrivals.has_arrived());
-                Wakeups::default()
-            }
-            None => self.look_at_descriptors(end),
+        let mut wakeups = Wakeups::default();
+        let is_disturbed = match arrivals {
+            Some(arrivals) => look_until(now, end, spinning.is_told, || arrivals.has_arrived()),
+            None => look_until(now, end, spinning.is_told, || {
+                wakeups = self.epoll.wait(Some(Duration::ZERO)).unwrap_or_default();
+                !wakeups.is_empty()
+            }),
         };
-        self.take_in(wakeups, spinning)
+        if wakeups.contains(INTERRUPT) {
+            clear(&self.interrupt);
+        }
+        self.take_in(wakeups, is_disturbed, spinning)
     }
 
-    fn take_in(&self, wakeups: Wakeups, spinning: &mut Spinning) -> MutexGuard<'_, Core> {
+    fn take_in(
+        &self,
+        wakeups: Wakeups,
+        is_disturbed: bool,
+        spinning: &mut Spinning,
+    ) -> MutexGuard<'_, Core> {
         let mut core = self.lock();
         let now = Instant::now();
         let wakeups = match wakeups.is_empty() {
             true => self.look_in_time(&mut core, now),
             false => wakeups,
         };
-        if core.receive(now, wakeups) > 0 {
-            spinning.ended(false, &mut core.seat.eagerness);
+        let has_found = core.receive(now, wakeups) > 0;
+        if is_disturbed {
+            spinning.ended(Look::Disturbed, &mut core.seat.eagerness, now);
+        } else if has_found {
+            spinning.ended(Look::Found, &mut core.seat.eagerness, now);
         }
         core
     }
-
-    fn look_at_descriptors(&self, end: Instant) -> Wakeups {
-        let mut wakeups = Wakeups::default();
-        look_until(end, || {
-            wakeups = self.epoll.wait(Some(Duration::ZERO)).unwrap_or_default();
-            !wakeups.is_empty()
-        });
-        if wakeups.contains(INTERRUPT) {
-            clear(&self.interrupt);
-        }
-        wakeups
-    }
 }
 
-fn look_until(end: Instant, mut has_arrived: impl FnMut() -> bool) {
-    let mut look = || {
-        std::hint::spin_loop();
-        has_arrived()
-    };
-    while !(0..LOOKS).any(|_| look()) && Instant::now() < end {}
+/// Looks until something has arrived or `end` has come; an app that has told to look keeps the CPU meanwhile. Whether
+/// another process had the CPU for long.
+fn look_until(
+    start: Instant,
+    end: Instant,
+    keeps_cpu: bool,
+    mut has_arrived: impl FnMut() -> bool,
+) -> bool {
+    let mut now = start;
+    loop {
+        let looks = if keeps_cpu { LOOKS } else { 1 };
+        for _ in 0..looks {
+            if has_arrived() {
+                return false;
+            }
+            std::hint::spin_loop();
+        }
+        if !keeps_cpu {
+            thread::yield_now();
+        }
+        let before = std::mem::replace(&mut now, Instant::now());
+        if !keeps_cpu && now - before >= MOMENT {
+            return true;
+        }
+        if now >= end {
+            return false;
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// The waits of `count` in which a thread looks, when each look is in vain or not and each sleep is short.
-    fn looks(count: usize, in_vain: bool) -> usize {
+    /// The waits of `count` in which a thread looks, when all looks have the same result and each sleep is short.
+    fn looks(count: usize, look: Look) -> usize {
         let mut eagerness = Eagerness::default();
         let now = Instant::now();
         let wait = |_: &usize| {
-            let mut spinning = Spinning::new(None, &mut eagerness);
+            let mut spinning = Spinning::new(None, &mut eagerness, now);
             let looks = spinning.goes_on(now).is_some();
             if looks {
-                spinning.ended(in_vain, &mut eagerness);
+                spinning.ended(look, &mut eagerness, now);
             }
             eagerness.slept(Duration::from_micros(10));
             looks
@@ -181,36 +231,52 @@ mod tests {
 
     #[test]
     fn looking_goes_on_as_long_as_it_pays() {
-        assert_eq!(looks(1000, false), 999);
+        assert_eq!(looks(1000, Look::Found), 999);
     }
 
     #[test]
     fn looking_in_vain_becomes_rare() {
-        assert!(
-            (5..15).contains(&looks(1000, true)),
-            "{}",
-            looks(1000, true)
-        );
+        let count = looks(1000, Look::InVain);
+        assert!((5..15).contains(&count), "{count}");
+    }
+
+    #[test]
+    fn next_to_a_third_process_nobody_looks_for_a_while() {
+        let (mut eagerness, mut now) = (Eagerness::default(), Instant::now());
+        eagerness.slept(Duration::ZERO);
+        for rest in [100, 200, 400, 800, 1600, 2000, 2000] {
+            eagerness.looked(Look::Disturbed, now);
+            eagerness.skip = 0;
+            let end = now + Duration::from_millis(rest);
+            let before = end - Duration::from_millis(1);
+            assert_eq!(eagerness.patience(before), Duration::ZERO);
+            assert_eq!(eagerness.patience(end), MOMENT);
+            now = end;
+        }
+        eagerness.looked(Look::Found, now);
+        now += Duration::from_secs(5);
+        eagerness.looked(Look::Disturbed, now);
+        assert_eq!(eagerness.rests_until, Some(now + REST_MIN));
     }
 
     #[test]
     fn who_sleeps_long_does_not_look() {
         let mut eagerness = Eagerness::default();
         eagerness.slept(Duration::from_millis(1));
-        assert_eq!(eagerness.patience(), Duration::ZERO);
+        assert_eq!(eagerness.patience(Instant::now()), Duration::ZERO);
     }
 
     #[test]
     fn the_app_may_say_how_long() {
         let (mut eagerness, now) = (Eagerness::default(), Instant::now());
         eagerness.slept(Duration::ZERO);
-        let mut never = Spinning::new(Some(Duration::ZERO), &mut eagerness);
+        let mut never = Spinning::new(Some(Duration::ZERO), &mut eagerness, now);
         assert_eq!(never.goes_on(now), None);
         let long = Duration::from_secs(1);
-        let mut spinning = Spinning::new(Some(long), &mut eagerness);
+        let mut spinning = Spinning::new(Some(long), &mut eagerness, now);
         assert_eq!(spinning.goes_on(now), Some(now + long));
         assert_eq!(spinning.goes_on(now + long), None);
-        spinning.ended(true, &mut eagerness);
+        spinning.ended(Look::InVain, &mut eagerness, now);
         assert_eq!(spinning.goes_on(now), Some(now + long), "from now on again");
     }
 }

@@ -23,8 +23,8 @@ impl Shared {
         let is_nested = core.seat.is_mine();
         let mut has_seat = is_nested;
         let mut has_looked = false;
-        let mut spinning = Spinning::new(self.busy_poll, &mut core.seat.eagerness);
         let mut now = Instant::now();
+        let mut spinning = Spinning::new(self.busy_poll, &mut core.seat.eagerness, now);
         core.batching.sent();
         core.receive(now, Wakeups::default());
         let found = loop {

@@ -8,7 +8,6 @@ use std::sync::Arc;
 use rtps_user::local;
 
 use super::CHANNEL;
-use super::patience::Patience;
 use crate::link::{Burst, Sink};
 use crate::sys::channel::{Inbound, Inlet, Outbound};
 use crate::sys::{Epoll, Interest};
@@ -31,7 +30,6 @@ pub(super) struct Channels {
     epoll: Arc<Epoll>,
     /// Where a datagram is copied to before it is looked at.
     datagram: Vec<u8>,
-    patience: Patience,
 }
 
 impl Channels {
@@ -41,7 +39,6 @@ impl Channels {
             by_slot: BTreeMap::new(),
             epoll: Arc::clone(epoll),
             datagram: Vec::new(),
-            patience: Patience::default(),
         }
     }
 
@@ -71,7 +68,6 @@ impl Channels {
 
     /// Sends datagrams to another app; false when not all of them could be.
     pub(super) fn send(&mut self, slot: u8, burst: &Burst<'_>) -> bool {
-        self.patience.note_traffic();
         let channel = self.by_slot.get_mut(&slot);
         channel.is_some_and(|channel| channel.outbound.send(burst.datagrams()))
     }
@@ -94,15 +90,6 @@ impl Channels {
                 });
             }
         }
-    }
-
-    /// About to sleep: lets the other apps run first where an answer of theirs may be a moment away, which spares both
-    /// sides a wake-up. True when something has arrived.
-    pub(super) fn linger(&mut self) -> bool {
-        let mut patience = self.patience;
-        let has_come = patience.wait(|| self.inbound().any(Inbound::has_record));
-        self.patience = patience;
-        has_come
     }
 
     /// Asks to be woken; false when something has arrived already.

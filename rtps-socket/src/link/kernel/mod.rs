@@ -6,7 +6,6 @@ mod control;
 mod doorbell;
 mod fan_out;
 mod outlet;
-mod patience;
 mod places;
 mod record;
 
@@ -261,9 +260,6 @@ impl Link for KernelLink {
     }
 
     fn prepare_sleep(&mut self) -> bool {
-        if self.channels.linger() {
-            return false;
-        }
         self.bell.arm();
         let quiet = self.channels.arm() && !self.ring.ring().has_record();
         if !quiet {
