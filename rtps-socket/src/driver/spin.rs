@@ -15,9 +15,9 @@ use crate::link::INTERRUPT;
 use crate::sys::Wakeups;
 
 /// How long a thread looks that nobody told to.
-const MOMENT: Duration = Duration::from_micros(50);
+const MOMENT: Duration = Duration::from_micros(100);
 /// A sleep that was not worth it.
-const SHORT: Duration = Duration::from_micros(100);
+const SHORT: Duration = Duration::from_micros(200);
 /// Waits without a look after many in vain.
 const MOST_SKIPPED: u32 = 4096;
 /// For how long nobody looks after a third process took the CPU, at first and at most.
@@ -34,6 +34,8 @@ pub(super) struct Eagerness {
     was_short: bool,
     penalty: u32,
     skip: u32,
+    /// Disturbed for the first time: the hypervisor, or the system itself, may take the CPU once in a while.
+    is_suspicious: bool,
     rest: Duration,
     rests_until: Option<Instant>,
 }
@@ -64,19 +66,25 @@ impl Eagerness {
     }
 
     fn looked(&mut self, look: Look, now: Instant) {
+        let was_suspicious = std::mem::replace(&mut self.is_suspicious, look == Look::Disturbed);
         self.penalty = match look {
             Look::Found => 0,
-            Look::InVain | Look::Disturbed => (self.penalty * 2).clamp(1, MOST_SKIPPED),
+            Look::InVain => (self.penalty * 2).clamp(1, MOST_SKIPPED),
+            Look::Disturbed => self.penalty,
         };
         self.skip = self.penalty;
-        if look == Look::Disturbed {
-            let is_again = self.rests_until.is_some_and(|end| now < end + REST_MAX);
-            self.rest = match is_again {
-                true => (self.rest * 2).min(REST_MAX),
-                false => REST_MIN,
-            };
-            self.rests_until = Some(now + self.rest);
+        if look == Look::Disturbed && was_suspicious {
+            self.rest(now);
         }
+    }
+
+    fn rest(&mut self, now: Instant) {
+        let is_again = self.rests_until.is_some_and(|end| now < end + REST_MAX);
+        self.rest = match is_again {
+            true => (self.rest * 2).min(REST_MAX),
+            false => REST_MIN,
+        };
+        self.rests_until = Some(now + self.rest);
     }
 }
 
@@ -244,9 +252,10 @@ mod tests {
     fn next_to_a_third_process_nobody_looks_for_a_while() {
         let (mut eagerness, mut now) = (Eagerness::default(), Instant::now());
         eagerness.slept(Duration::ZERO);
+        eagerness.looked(Look::Disturbed, now);
+        assert_eq!(eagerness.patience(now), MOMENT, "that may happen once");
         for rest in [100, 200, 400, 800, 1600, 2000, 2000] {
             eagerness.looked(Look::Disturbed, now);
-            eagerness.skip = 0;
             let end = now + Duration::from_millis(rest);
             let before = end - Duration::from_millis(1);
             assert_eq!(eagerness.patience(before), Duration::ZERO);
@@ -255,6 +264,7 @@ mod tests {
         }
         eagerness.looked(Look::Found, now);
         now += Duration::from_secs(5);
+        eagerness.looked(Look::Disturbed, now);
         eagerness.looked(Look::Disturbed, now);
         assert_eq!(eagerness.rests_until, Some(now + REST_MIN));
     }
