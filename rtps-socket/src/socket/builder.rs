@@ -67,7 +67,7 @@ impl<P: From<RtpsSocket>> Builder<P> {
     /// For how long a thread that waits for samples looks for them again and again before it sleeps: a look takes
     /// nanoseconds, to be woken takes microseconds, and on many machines tens of them, but nobody else has the CPU in the
     /// meantime. Unless set, what the environment variable `RTPS_BUSY_POLL_US` says in microseconds; without that, up to
-    /// 50 us while samples come at shorter intervals and looking finds them.
+    /// 100 us while samples come at shorter intervals and looking finds them.
     pub fn busy_poll(mut self, duration: Duration) -> Self {
         self.settings.busy_poll = Some(duration);
         self
