@@ -102,6 +102,11 @@ impl Batching {
         self.due = None;
     }
 
+    /// When the app wrote last.
+    pub(super) fn last_write(&self) -> Option<Instant> {
+        self.last
+    }
+
     /// When what waits is to be sent; `None` when nothing waits.
     pub(super) fn due(&self) -> Option<Instant> {
         self.due

@@ -32,7 +32,6 @@ pub(crate) struct Core {
     notices: Vec<Notice>,
     pub(super) batching: Batching,
     wall_clock: WallClock,
-    last_write: Option<Instant>,
     is_lost: bool,
 }
 
@@ -50,7 +49,6 @@ impl Core {
             notices: Vec::new(),
             batching: Batching::default(),
             wall_clock: WallClock::default(),
-            last_write: None,
             is_lost: false,
         }
     }
@@ -162,7 +160,6 @@ impl Core {
 
     /// The app has written `len` bytes: timers will be short for a while. Whether they wait for more.
     pub(super) fn note_write(&mut self, now: Instant, len: usize, patience: Patience) -> bool {
-        self.last_write = Some(now);
         self.batching.holds(now, len, patience)
     }
 
@@ -241,7 +238,8 @@ impl Core {
         if !self.link.prepare_sleep() {
             return None;
         }
-        let is_writing = self.last_write.is_some_and(|write| now < write + WRITING);
+        let last_write = self.batching.last_write();
+        let is_writing = last_write.is_some_and(|write| now < write + WRITING);
         let look_again = is_writing.then(|| now + SLACK);
         let end = [self.poll_timeout(), deadline, look_again]
             .into_iter()

@@ -171,13 +171,13 @@ fn frames_cut_anywhere_below_udp_pass() -> Result<()> {
     Ok(())
 }
 
-#[test]
-fn messages_reach_the_rings_they_concern() -> Result<()> {
-    skip_unless!(require::root());
-    let mut layer = layer(DOORBELL_RING)?;
-    let relayed = *b"relayed-----";
-    layer.route(guid(&relayed, MATCHED_WRITER), &[255])?;
-    let rows: [(&str, Message, &[u8]); 11] = [
+const RELAYED: [u8; 12] = *b"relayed-----";
+
+/// What it is, the message, and the slots that it concerns.
+type Concern = (&'static str, Message, &'static [u8]);
+
+fn concerns() -> [Concern; 11] {
+    [
         ("directed DATA", directed(), &[1]),
         (
             "INFO_DST to us",
@@ -214,7 +214,7 @@ fn messages_reach_the_rings_they_concern() -> Result<()> {
         ),
         (
             "relayed",
-            remote().source(relayed).data(ANYBODY, MATCHED_WRITER, 8),
+            remote().source(RELAYED).data(ANYBODY, MATCHED_WRITER, 8),
             &[255],
         ),
         (
@@ -235,8 +235,15 @@ fn messages_reach_the_rings_they_concern() -> Result<()> {
                 .data(reader_of(1), writer_of(3), 8),
             &[1, 2, 9, 255],
         ),
-    ];
-    for (description, message, expected) in rows {
+    ]
+}
+
+#[test]
+fn messages_reach_the_rings_they_concern() -> Result<()> {
+    skip_unless!(require::root());
+    let mut layer = layer(DOORBELL_RING)?;
+    layer.route(guid(&RELAYED, MATCHED_WRITER), &[255])?;
+    for (description, message, expected) in concerns() {
         let size = message.bytes().len() as u64;
         let records = expected.len() as u64;
         let delivered = match records {

@@ -2,13 +2,12 @@
 
 use anyhow::Result;
 
-use super::exchange::{Exchange, Kind};
+use super::exchange::measure_streams;
 use super::hosts::Hosts;
 use super::idle;
 use super::options::Options;
 use super::plan::Plan;
 use super::programs::Programs;
-use super::rounds;
 use super::row::{Pinning, Row, Stack};
 
 /// Samples a second.
@@ -33,16 +32,7 @@ pub(super) fn measure(options: &Options) -> Result<Vec<Row>> {
     let programs = Programs::for_cases(&mut cases)?;
     let hosts = Hosts::pair()?;
     let _layers = hosts.load(&programs, &cases)?;
-    let mut rows = rounds::measure(&cases, options, |case, run| {
-        let exchange = Exchange {
-            programs: &programs,
-            kind: Kind::Stream,
-            case,
-            rate: Some(RATE),
-            sides: hosts.of(case.stack)?,
-        };
-        exchange.run(run)
-    })?;
+    let mut rows = measure_streams(options, &cases, &programs, &hosts, Some(RATE))?;
     rows.extend(idle::measure(options, &programs, &hosts, &cases)?);
     Ok(rows)
 }

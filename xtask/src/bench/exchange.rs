@@ -8,12 +8,13 @@ use nix::unistd::Pid;
 use rtps_tests::link::Host;
 
 use super::figures::Figures;
-use super::hosts::Sides;
+use super::hosts::{Hosts, Sides};
 use super::machine::{self, Usage};
+use super::options::Options;
 use super::program::{Outcome, Program, Role};
 use super::programs::{Part, Programs};
-use super::rounds::Run;
-use super::row::Case;
+use super::rounds::{self, Run};
+use super::row::{Case, Row};
 
 /// What is still under way arrives before readers are ended.
 const DRAIN: Duration = Duration::from_millis(200);
@@ -25,6 +26,26 @@ pub(super) enum Kind {
     RoundTrips,
     /// The active one writes, the passive ones read.
     Stream,
+}
+
+/// Measures all cases: a writer writes `rate` samples a second, or as many as it can, to the readers.
+pub(super) fn measure_streams(
+    options: &Options,
+    cases: &[Case],
+    programs: &Programs,
+    hosts: &Hosts,
+    rate: Option<u32>,
+) -> Result<Vec<Row>> {
+    rounds::measure(cases, options, |case, run| {
+        let exchange = Exchange {
+            programs,
+            kind: Kind::Stream,
+            case,
+            rate,
+            sides: hosts.of(case.stack)?,
+        };
+        exchange.run(run)
+    })
 }
 
 /// See the module.

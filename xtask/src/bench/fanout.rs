@@ -2,12 +2,11 @@
 
 use anyhow::Result;
 
-use super::exchange::{Exchange, Kind};
+use super::exchange::measure_streams;
 use super::hosts::Hosts;
 use super::options::Options;
 use super::plan::Plan;
 use super::programs::Programs;
-use super::rounds;
 use super::row::{Pinning, Row, Stack};
 
 const READERS: u8 = 8;
@@ -31,14 +30,5 @@ pub(super) fn measure(options: &Options) -> Result<Vec<Row>> {
     let programs = Programs::for_cases(&mut cases)?;
     let hosts = Hosts::bridged(READERS + 1)?;
     let _layers = hosts.load(&programs, &cases)?;
-    rounds::measure(&cases, options, |case, run| {
-        let exchange = Exchange {
-            programs: &programs,
-            kind: Kind::Stream,
-            case,
-            rate: None,
-            sides: hosts.of(case.stack)?,
-        };
-        exchange.run(run)
-    })
+    measure_streams(options, &cases, &programs, &hosts, None)
 }

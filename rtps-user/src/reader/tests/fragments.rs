@@ -1,6 +1,7 @@
 //! Samples in fragments: any order, any loss, any lie.
 
 use super::*;
+use crate::reader::reassembly::Reassembly;
 
 const FRAGMENT: usize = 100;
 
@@ -53,6 +54,11 @@ impl Bench {
         };
         self.reader
             .handle_heartbeat_frag(self.now, self.writer, &heartbeat);
+    }
+
+    /// What there is of samples of the writer that are not whole.
+    fn reassembly(&self) -> &Reassembly {
+        &self.reader.proxies.get(self.writer).unwrap().reassembly
     }
 }
 
@@ -161,7 +167,7 @@ fn memory_grows_with_what_arrives_and_not_with_what_is_promised() {
         bench.part(sequence, 600_000, &whole);
         bench.part(sequence, 1, &whole);
     }
-    let reassembly = &bench.reader.proxies.get(bench.writer).unwrap().reassembly;
+    let reassembly = bench.reassembly();
     assert!(
         reassembly.reserved() <= 64 * (64 << 10),
         "{}",
@@ -177,15 +183,7 @@ fn a_whole_sample_replaces_its_fragments() {
     bench.part(1, 2, &whole);
     bench.part(1, 3, &whole);
     assert_eq!(bench.taken(), [1]);
-    assert!(
-        bench
-            .reader
-            .proxies
-            .get(bench.writer)
-            .unwrap()
-            .reassembly
-            .is_empty()
-    );
+    assert!(bench.reassembly().is_empty());
 }
 
 #[test]
@@ -346,15 +344,7 @@ fn best_effort_drops_what_newer_samples_overtake() {
     bench.part(1, 2, &whole);
     bench.part(1, 3, &whole);
     assert_eq!(bench.taken(), [2]);
-    assert!(
-        bench
-            .reader
-            .proxies
-            .get(bench.writer)
-            .unwrap()
-            .reassembly
-            .is_empty()
-    );
+    assert!(bench.reassembly().is_empty());
 }
 
 #[test]
@@ -373,13 +363,5 @@ fn best_effort_never_runs_out_of_room() {
         bench.part(201, first, &whole);
     }
     assert_eq!(bench.taken(), [201]);
-    assert!(
-        bench
-            .reader
-            .proxies
-            .get(bench.writer)
-            .unwrap()
-            .reassembly
-            .is_empty()
-    );
+    assert!(bench.reassembly().is_empty());
 }
