@@ -4,7 +4,7 @@ use std::net::{IpAddr, SocketAddr};
 
 use serde::{Deserialize, Serialize};
 
-use crate::qos::Qos;
+use crate::qos::{ContentFilter, Qos};
 use crate::wire::Guid;
 
 /// A remote endpoint that a local one is matched with.
@@ -29,4 +29,8 @@ pub struct RemoteEndpoint {
     pub topic: String,
     /// Its type.
     pub type_name: String,
+    /// TypeInformation of its type as it is serialized (XTypes 1.3 section 7.6.3.2.1); empty where it says nothing.
+    pub type_information: Vec<u8>,
+    /// What a reader wants of the topic, if not all.
+    pub content_filter: Option<ContentFilter>,
 }

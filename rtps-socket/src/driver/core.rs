@@ -7,7 +7,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use rtps_user::endpoints::{EndpointEvent, Endpoints};
 use rtps_user::layer::protocol::{Endpoint, FromLayer, ToLayer};
-use rtps_user::qos::{PolicyId, Qos};
+use rtps_user::qos::PolicyId;
 use rtps_user::wire::{EntityId, EntityKind, Guid};
 
 use super::batching::{Batching, Patience};
@@ -81,21 +81,9 @@ impl Core {
     }
 
     /// Makes an endpoint, which the caller has added to `endpoints`, known to the layer.
-    pub(crate) fn declare(
-        &mut self,
-        now: Instant,
-        id: EntityId,
-        topic: &str,
-        type_name: &str,
-        qos: Qos,
-    ) {
-        self.entities.insert(id, Entity::new(id, topic));
-        let endpoint = Endpoint {
-            entity: id,
-            topic: topic.to_owned(),
-            type_name: type_name.to_owned(),
-            qos,
-        };
+    pub(crate) fn declare(&mut self, now: Instant, endpoint: Endpoint) {
+        let id = endpoint.entity;
+        self.entities.insert(id, Entity::new(id, &endpoint.topic));
         self.link.request(now, ToLayer::Declare(Box::new(endpoint)));
     }
 

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use rtps_user::RemoteEndpoint;
-use rtps_user::layer::protocol::{FromLayer, ToLayer};
+use rtps_user::layer::protocol::{Endpoint, FromLayer, ToLayer};
 use rtps_user::qos::Qos;
 use rtps_user::wire::{EntityId, EntityKind, Guid, GuidPrefix};
 
@@ -100,7 +100,15 @@ fn open(steering: &Arc<Steering>) -> (Driver, UdpSocket) {
 fn declare(driver: &Driver) -> EntityId {
     driver.shared().with(|core, now| {
         let guid = core.new_guid(EntityKind::ReaderNoKey).unwrap();
-        core.declare(now, guid.entity, "Square", "Shape", Qos::default());
+        let endpoint = Endpoint {
+            entity: guid.entity,
+            topic: "Square".to_owned(),
+            type_name: "Shape".to_owned(),
+            type_information: Vec::new(),
+            content_filter: None,
+            qos: Qos::default(),
+        };
+        core.declare(now, endpoint);
         guid.entity
     })
 }
@@ -167,6 +175,8 @@ fn remote_writer() -> RemoteEndpoint {
         qos: Qos::default(),
         topic: "Square".to_owned(),
         type_name: "Shape".to_owned(),
+        type_information: Vec::new(),
+        content_filter: None,
     }
 }
 

@@ -69,7 +69,7 @@ impl RtpsSocket {
                 datagram_size: core.datagram_size(),
                 timing: WriterTiming::default(),
             });
-            core.declare(now, guid.entity, topic, type_name, qos.clone());
+            core.declare(now, endpoint(guid.entity, topic, type_name, qos.clone()));
             Ok(guid)
         })?;
         Ok(RawWriter::new(
@@ -107,7 +107,7 @@ impl RtpsSocket {
                 instance_of,
                 timing: ReaderTiming::default(),
             });
-            core.declare(now, guid.entity, topic, type_name, qos);
+            core.declare(now, endpoint(guid.entity, topic, type_name, qos));
             Ok(guid)
         })?;
         let endpoint = EndpointHandle::new(&self.driver, guid);
@@ -143,6 +143,17 @@ fn new_guid(core: &mut Core, kind: EntityKind) -> Result<Guid, CreateError> {
     core.new_guid(kind).ok_or(CreateError::TooManyEndpoints)
 }
 
+fn endpoint(entity: EntityId, topic: &str, type_name: &str, qos: qos::Qos) -> Endpoint {
+    Endpoint {
+        entity,
+        topic: topic.to_owned(),
+        type_name: type_name.to_owned(),
+        type_information: Vec::new(),
+        content_filter: None,
+        qos,
+    }
+}
+
 /// Refuses what no endpoint can be created with.
 fn check(topic: &str, type_name: &str, qos: &qos::Qos) -> Result<(), CreateError> {
     for name in [topic, type_name] {
@@ -165,13 +176,10 @@ fn check(topic: &str, type_name: &str, qos: &qos::Qos) -> Result<(), CreateError
 
 /// Refuses what does not fit in one packet of the layer protocol.
 fn check_size(topic: &str, type_name: &str, qos: &qos::Qos) -> Result<(), CreateError> {
-    let declaration = ToLayer::Declare(Box::new(Endpoint {
-        // As long as any.
-        entity: EntityId::of_app(u8::MAX, u16::MAX, EntityKind::WriterNoKey),
-        topic: topic.to_owned(),
-        type_name: type_name.to_owned(),
-        qos: qos.clone(),
-    }));
+    // As long as any.
+    let entity = EntityId::of_app(u8::MAX, u16::MAX, EntityKind::WriterNoKey);
+    let endpoint = endpoint(entity, topic, type_name, qos.clone());
+    let declaration = ToLayer::Declare(Box::new(endpoint));
     let (size, limit) = (encode(&declaration).len(), MAX_PROTOCOL_MESSAGE);
     match size > limit {
         true => Err(CreateError::TooLarge { size, limit }),

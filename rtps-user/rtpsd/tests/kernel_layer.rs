@@ -477,6 +477,8 @@ fn declaration(entity: EntityId) -> ToLayer {
         entity,
         topic: "topic".into(),
         type_name: "type".into(),
+        type_information: Vec::new(),
+        content_filter: None,
         qos: Qos::default(),
     }))
 }

@@ -164,5 +164,7 @@ fn remote(participant: &RemoteParticipant, entity: EntityId) -> RemoteEndpoint {
         qos,
         topic: String::new(),
         type_name: String::new(),
+        type_information: Vec::new(),
+        content_filter: None,
     }
 }

@@ -360,6 +360,8 @@ mod tests {
                 guid: Guid::new(GuidPrefix([participant; 12]), EntityId([1, 0, entity, 2])),
                 topic: "t".to_owned(),
                 type_name: String::new(),
+                type_information: Vec::new(),
+                content_filter: None,
                 unicast: Vec::new(),
                 multicast: Vec::new(),
                 expects_inline_qos: false,

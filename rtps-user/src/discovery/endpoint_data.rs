@@ -6,11 +6,13 @@ use std::net::SocketAddr;
 use serde::{Deserialize, Serialize};
 
 use super::parameters::{
-    ENDPOINT_GUID, EXPECTS_INLINE_QOS, MULTICAST_LOCATOR, TOPIC_NAME, TYPE_NAME, UNICAST_LOCATOR,
-    read_bool, read_locator, write_locators, write_string_parameter, write_version,
+    ENDPOINT_GUID, EXPECTS_INLINE_QOS, MULTICAST_LOCATOR, TOPIC_NAME, TYPE_INFORMATION, TYPE_NAME,
+    UNICAST_LOCATOR, read_bool, read_locator, write_locators, write_string_parameter,
+    write_version,
 };
-use crate::qos::Qos;
+use crate::qos::content_filter::CONTENT_FILTER_PROPERTY;
 use crate::qos::parameters::{QosParameters, write_qos};
+use crate::qos::{ContentFilter, Qos};
 use crate::wire::{
     Cursor, Guid, KeyHash, Parameter, ParameterId, ParameterList, ParameterWriter, WireError,
 };
@@ -24,6 +26,10 @@ pub struct EndpointData {
     pub topic: String,
     /// The name of its type.
     pub type_name: String,
+    /// TypeInformation of its type as it is serialized (XTypes 1.3 section 7.6.3.2.1); empty where it says nothing.
+    pub type_information: Vec<u8>,
+    /// What a reader wants of its topic, if not all.
+    pub content_filter: Option<ContentFilter>,
     /// Where it receives; where empty, at its participant's default addresses.
     pub unicast: Vec<SocketAddr>,
     /// Groups in which it receives.
@@ -43,6 +49,8 @@ impl EndpointData {
             guid,
             topic: String::new(),
             type_name: String::new(),
+            type_information: Vec::new(),
+            content_filter: None,
             unicast: Vec::new(),
             multicast: Vec::new(),
             expects_inline_qos: false,
@@ -67,6 +75,8 @@ impl EndpointData {
             ENDPOINT_GUID => self.guid = Guid::from_bytes(value.array()?),
             TOPIC_NAME => self.topic = value.string()?.to_owned(),
             TYPE_NAME => self.type_name = value.string()?.to_owned(),
+            TYPE_INFORMATION => self.type_information = value.rest().to_vec(),
+            CONTENT_FILTER_PROPERTY => self.content_filter = Some(ContentFilter::read(value)?),
             UNICAST_LOCATOR => read_locator(value, &mut self.unicast)?,
             MULTICAST_LOCATOR => read_locator(value, &mut self.multicast)?,
             EXPECTS_INLINE_QOS => self.expects_inline_qos = read_bool(value)?,
@@ -89,8 +99,18 @@ impl EndpointData {
         if self.expects_inline_qos {
             list.parameter(EXPECTS_INLINE_QOS, |out| out.push(1));
         }
+        if let Some(filter) = &self.content_filter {
+            filter.write(&mut list);
+        }
+        write_type_information(&self.type_information, &mut list);
         write_qos(&self.qos, self.guid.entity.is_writer(), &mut list);
         list.finish();
+    }
+}
+
+fn write_type_information(information: &[u8], list: &mut ParameterWriter<'_>) {
+    if !information.is_empty() {
+        list.parameter(TYPE_INFORMATION, |out| out.extend_from_slice(information));
     }
 }
 
@@ -117,7 +137,19 @@ mod tests {
     use crate::qos::strategies;
     use crate::wire::{EntityId, EntityKind, GuidPrefix};
     use proptest::collection::vec;
+    use proptest::option;
     use proptest::prelude::*;
+
+    fn content_filter() -> impl Strategy<Value = ContentFilter> {
+        let fields = ("[^\0]{0,9}", "[^\0]{0,40}", vec("[^\0]{0,9}", 0..4));
+        fields.prop_map(|(name, expression, parameters)| ContentFilter {
+            related_topic: format!("{name}?"),
+            class: ContentFilter::SQL.to_owned(),
+            name,
+            expression,
+            parameters,
+        })
+    }
 
     fn endpoints() -> impl Strategy<Value = EndpointData> {
         any::<bool>().prop_flat_map(|writer| {
@@ -130,18 +162,24 @@ mod tests {
             let fields = (
                 "[^\0]{1,20}",
                 "[^\0]{0,20}",
+                vec(vec(any::<u8>(), 4), 0..9),
+                option::of(content_filter()),
                 any::<bool>(),
                 strategies::qos(writer),
             );
             fields.prop_map(
-                move |(topic, type_name, expects_inline_qos, qos)| EndpointData {
-                    guid,
-                    topic,
-                    type_name,
-                    unicast: vec![([10, 0, 0, 1], 7411).into()],
-                    multicast: vec![([239, 255, 0, 2], 7401).into()],
-                    expects_inline_qos,
-                    qos,
+                move |(topic, type_name, words, content_filter, expects_inline_qos, qos)| {
+                    EndpointData {
+                        guid,
+                        topic,
+                        type_name,
+                        type_information: words.concat(),
+                        content_filter,
+                        unicast: vec![([10, 0, 0, 1], 7411).into()],
+                        multicast: vec![([239, 255, 0, 2], 7401).into()],
+                        expects_inline_qos,
+                        qos,
+                    }
                 },
             )
         })
@@ -190,6 +228,8 @@ mod tests {
             guid: guid(1),
             topic: "t".to_owned(),
             type_name: String::new(),
+            type_information: Vec::new(),
+            content_filter: None,
             unicast: Vec::new(),
             multicast: Vec::new(),
             expects_inline_qos: false,

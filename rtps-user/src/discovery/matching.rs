@@ -228,6 +228,8 @@ mod tests {
             qos: Qos::default(),
             topic: "Square".to_owned(),
             type_name: "ShapeType".to_owned(),
+            type_information: Vec::new(),
+            content_filter: None,
         }
     }
 

@@ -26,6 +26,7 @@ pub(super) const PARTICIPANT_GUID: ParameterId = ParameterId(0x0050);
 pub(super) const BUILTIN_ENDPOINT_SET: ParameterId = ParameterId(0x0058);
 pub(super) const ENDPOINT_GUID: ParameterId = ParameterId(0x005a);
 pub(super) const ENTITY_NAME: ParameterId = ParameterId(0x0062);
+pub(super) const TYPE_INFORMATION: ParameterId = ParameterId(0x0075);
 pub(super) const BUILTIN_ENDPOINT_QOS: ParameterId = ParameterId(0x0077);
 
 /// The most locators of one kind that are remembered: one is enough, and hosts with more interfaces are rare.

@@ -190,6 +190,8 @@ impl RemoteParticipant {
             qos: data.qos.clone(),
             topic: data.topic.clone(),
             type_name: data.type_name.clone(),
+            type_information: data.type_information.clone(),
+            content_filter: data.content_filter.clone(),
         })
     }
 }

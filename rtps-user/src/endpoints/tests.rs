@@ -33,6 +33,8 @@ fn remote(guid: Guid) -> RemoteEndpoint {
         qos: qos(),
         topic: String::new(),
         type_name: String::new(),
+        type_information: Vec::new(),
+        content_filter: None,
     }
 }
 

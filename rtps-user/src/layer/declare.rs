@@ -162,6 +162,8 @@ impl Layer {
             qos: endpoint.qos.clone(),
             topic: endpoint.topic.clone(),
             type_name: endpoint.type_name.clone(),
+            type_information: endpoint.type_information.clone(),
+            content_filter: endpoint.content_filter.clone(),
         });
         self.apply(changes);
     }
@@ -172,6 +174,8 @@ impl Layer {
             guid: Guid::new(self.config.prefix, endpoint.entity),
             topic: endpoint.topic.clone(),
             type_name: endpoint.type_name.clone(),
+            type_information: endpoint.type_information.clone(),
+            content_filter: endpoint.content_filter.clone(),
             unicast: Vec::new(),
             multicast: Vec::new(),
             expects_inline_qos: false,

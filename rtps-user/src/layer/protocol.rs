@@ -9,11 +9,11 @@ use std::net::SocketAddrV4;
 use serde::{Deserialize, Serialize};
 
 use crate::RemoteEndpoint;
-use crate::qos::{PolicyId, Qos};
+use crate::qos::{ContentFilter, PolicyId, Qos};
 use crate::wire::{EntityId, Guid, GuidPrefix};
 
 /// Changes with every incompatible change of this file.
-pub const LAYER_PROTOCOL_VERSION: u32 = 3;
+pub const LAYER_PROTOCOL_VERSION: u32 = 4;
 
 /// The longest encoded value, in bytes; longer ones are refused before they are read.
 pub const MAX_PROTOCOL_MESSAGE: usize = 128 * 1024;
@@ -170,6 +170,10 @@ pub struct Endpoint {
     pub topic: String,
     /// The registered name of the topic's type.
     pub type_name: String,
+    /// TypeInformation of the type, serialized (XTypes 1.3 section 7.6.3.2.1); may be empty.
+    pub type_information: Vec<u8>,
+    /// What a reader wants of the topic, if not all.
+    pub content_filter: Option<ContentFilter>,
     /// Its policies.
     pub qos: Qos,
 }

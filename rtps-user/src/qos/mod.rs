@@ -3,6 +3,7 @@
 //! [`Qos`] is what an endpoint of either kind is declared with; policies that concern only the other kind keep
 //! their defaults and are not announced.
 
+pub(crate) mod content_filter;
 mod matching;
 pub(crate) mod parameters;
 mod partition;
@@ -10,11 +11,13 @@ mod policies;
 #[cfg(test)]
 pub(crate) mod strategies;
 
+pub use content_filter::ContentFilter;
 pub use matching::compatible;
 pub use policies::{
-    Deadline, DestinationOrder, Durability, History, LatencyBudget, Lifespan, Liveliness,
-    LivelinessKind, Ownership, Partition, PolicyId, Presentation, PresentationScope, Reliability,
-    ResourceLimits, TimeBasedFilter,
+    Deadline, DestinationOrder, Durability, DurabilityService, History, LatencyBudget, Lifespan,
+    Liveliness, LivelinessKind, Ownership, Partition, PolicyId, Presentation, PresentationScope,
+    ReaderDataLifecycle, Reliability, ResourceLimits, TimeBasedFilter, TypeConsistency,
+    WriterDataLifecycle,
 };
 
 use serde::{Deserialize, Serialize};
@@ -38,6 +41,8 @@ pub struct Qos {
     pub reliability: Reliability,
     /// DURABILITY.
     pub durability: Durability,
+    /// DURABILITY_SERVICE (writers).
+    pub durability_service: DurabilityService,
     /// HISTORY.
     pub history: History,
     /// RESOURCE_LIMITS.
@@ -64,6 +69,12 @@ pub struct Qos {
     pub transport_priority: i32,
     /// DATA_REPRESENTATION: what a writer offers (the first only) or a reader accepts; empty means XCDR1.
     pub representation: Vec<DataRepresentation>,
+    /// TYPE_CONSISTENCY_ENFORCEMENT (readers).
+    pub type_consistency: TypeConsistency,
+    /// WRITER_DATA_LIFECYCLE: of the app alone.
+    pub writer_data_lifecycle: WriterDataLifecycle,
+    /// READER_DATA_LIFECYCLE: of the app alone.
+    pub reader_data_lifecycle: ReaderDataLifecycle,
     /// USER_DATA.
     pub user_data: Vec<u8>,
     /// TOPIC_DATA.

@@ -3,9 +3,9 @@
 //! What is absent has the default of its policy, which for RELIABILITY depends on the kind of the endpoint.
 
 use super::{
-    DataRepresentation, Deadline, DestinationOrder, Durability, History, LatencyBudget, Lifespan,
-    Liveliness, LivelinessKind, Ownership, Partition, Presentation, PresentationScope, Qos,
-    Reliability, ResourceLimits, TimeBasedFilter,
+    DataRepresentation, Deadline, DestinationOrder, Durability, DurabilityService, History,
+    LatencyBudget, Lifespan, Liveliness, LivelinessKind, Ownership, Partition, Presentation,
+    PresentationScope, Qos, Reliability, ResourceLimits, TimeBasedFilter, TypeConsistency,
 };
 use crate::wire::{Cursor, Duration, ParameterId, ParameterWriter, WireError};
 
@@ -14,6 +14,7 @@ const OWNERSHIP_STRENGTH: ParameterId = ParameterId(0x0006);
 const RELIABILITY: ParameterId = ParameterId(0x001a);
 const LIVELINESS: ParameterId = ParameterId(0x001b);
 const DURABILITY: ParameterId = ParameterId(0x001d);
+const DURABILITY_SERVICE: ParameterId = ParameterId(0x001e);
 const OWNERSHIP: ParameterId = ParameterId(0x001f);
 const PRESENTATION: ParameterId = ParameterId(0x0021);
 const DEADLINE: ParameterId = ParameterId(0x0023);
@@ -29,6 +30,7 @@ const HISTORY: ParameterId = ParameterId(0x0040);
 const RESOURCE_LIMITS: ParameterId = ParameterId(0x0041);
 const TRANSPORT_PRIORITY: ParameterId = ParameterId(0x0049);
 const DATA_REPRESENTATION: ParameterId = ParameterId(0x0073);
+const TYPE_CONSISTENCY_ENFORCEMENT: ParameterId = ParameterId(0x0074);
 
 /// The most partitions, and the most bytes of a partition's name, that are taken from the wire: both bound the
 /// time that matching may take.
@@ -71,6 +73,7 @@ impl QosParameters {
         match id {
             RELIABILITY => qos.reliability = read_reliability(value)?,
             DURABILITY => qos.durability = read_durability(value)?,
+            DURABILITY_SERVICE => qos.durability_service = read_durability_service(value)?,
             HISTORY => qos.history = read_history(value)?,
             RESOURCE_LIMITS => qos.resource_limits = read_resource_limits(value)?,
             DEADLINE => qos.deadline = Deadline(read_duration(value)?),
@@ -91,6 +94,7 @@ impl QosParameters {
             TIME_BASED_FILTER => qos.time_based_filter = TimeBasedFilter(read_duration(value)?),
             TRANSPORT_PRIORITY => qos.transport_priority = value.i32()?,
             DATA_REPRESENTATION => qos.representation = read_representation(value)?,
+            TYPE_CONSISTENCY_ENFORCEMENT => qos.type_consistency = read_type_consistency(value)?,
             USER_DATA => qos.user_data = read_octets(value)?,
             TOPIC_DATA => qos.topic_data = read_octets(value)?,
             GROUP_DATA => qos.group_data = read_octets(value)?,
@@ -123,10 +127,12 @@ pub(crate) fn write_qos(qos: &Qos, writer: bool, list: &mut ParameterWriter<'_>)
     write_u32(list, DURABILITY, qos.durability as u32);
     write_representation(&qos.representation, list);
     if qos.history != default.history {
-        write_history(qos.history, list);
+        list.parameter(HISTORY, |out| write_history(qos.history, out));
     }
     if qos.resource_limits != default.resource_limits {
-        write_resource_limits(qos.resource_limits, list);
+        list.parameter(RESOURCE_LIMITS, |out| {
+            write_resource_limits(qos.resource_limits, out)
+        });
     }
     if qos.liveliness != default.liveliness {
         list.parameter(LIVELINESS, |out| {
@@ -154,22 +160,28 @@ pub(crate) fn write_qos(qos: &Qos, writer: bool, list: &mut ParameterWriter<'_>)
     write_octets(list, TOPIC_DATA, &qos.topic_data);
     write_octets(list, GROUP_DATA, &qos.group_data);
     write_ownership(qos.ownership, writer, list);
-    if writer {
-        write_duration(list, LIFESPAN, qos.lifespan.0, default.lifespan.0);
-        if qos.transport_priority != 0 {
-            write_u32(
-                list,
-                TRANSPORT_PRIORITY,
-                qos.transport_priority.cast_unsigned(),
-            );
-        }
-    } else {
-        write_duration(
-            list,
-            TIME_BASED_FILTER,
-            qos.time_based_filter.0,
-            default.time_based_filter.0,
-        );
+    match writer {
+        true => write_of_writer(qos, &default, list),
+        false => write_of_reader(qos, &default, list),
+    }
+}
+
+fn write_of_writer(qos: &Qos, default: &Qos, list: &mut ParameterWriter<'_>) {
+    if qos.durability_service != default.durability_service {
+        write_durability_service(&qos.durability_service, list);
+    }
+    write_duration(list, LIFESPAN, qos.lifespan.0, default.lifespan.0);
+    if qos.transport_priority != 0 {
+        let priority = qos.transport_priority.cast_unsigned();
+        write_u32(list, TRANSPORT_PRIORITY, priority);
+    }
+}
+
+fn write_of_reader(qos: &Qos, default: &Qos, list: &mut ParameterWriter<'_>) {
+    let (separation, none) = (qos.time_based_filter.0, default.time_based_filter.0);
+    write_duration(list, TIME_BASED_FILTER, separation, none);
+    if qos.type_consistency != default.type_consistency {
+        write_type_consistency(qos.type_consistency, list);
     }
 }
 
@@ -232,15 +244,13 @@ fn read_history(value: &mut Cursor<'_>) -> Result<History, WireError> {
     }
 }
 
-fn write_history(history: History, list: &mut ParameterWriter<'_>) {
+fn write_history(history: History, out: &mut Vec<u8>) {
     let (kind, depth) = match history {
         History::KeepLast(depth) => (0_u32, depth.min(i32::MAX.cast_unsigned())),
         History::KeepAll => (1, 0),
     };
-    list.parameter(HISTORY, |out| {
-        out.extend_from_slice(&kind.to_le_bytes());
-        out.extend_from_slice(&depth.to_le_bytes());
-    });
+    out.extend_from_slice(&kind.to_le_bytes());
+    out.extend_from_slice(&depth.to_le_bytes());
 }
 
 /// LENGTH_UNLIMITED is -1.
@@ -253,17 +263,30 @@ fn read_resource_limits(value: &mut Cursor<'_>) -> Result<ResourceLimits, WireEr
     })
 }
 
-fn write_resource_limits(limits: ResourceLimits, list: &mut ParameterWriter<'_>) {
-    let limits = [
+fn write_resource_limits(limits: ResourceLimits, out: &mut Vec<u8>) {
+    for limit in [
         limits.max_samples,
         limits.max_instances,
         limits.max_samples_per_instance,
-    ];
-    list.parameter(RESOURCE_LIMITS, |out| {
-        for limit in limits {
-            let limit = limit.map_or(-1, |limit| i32::try_from(limit).unwrap_or(i32::MAX));
-            out.extend_from_slice(&limit.to_le_bytes());
-        }
+    ] {
+        let limit = limit.map_or(-1, |limit| i32::try_from(limit).unwrap_or(i32::MAX));
+        out.extend_from_slice(&limit.to_le_bytes());
+    }
+}
+
+fn read_durability_service(value: &mut Cursor<'_>) -> Result<DurabilityService, WireError> {
+    Ok(DurabilityService {
+        cleanup_delay: read_duration(value)?,
+        history: read_history(value)?,
+        resource_limits: read_resource_limits(value)?,
+    })
+}
+
+fn write_durability_service(service: &DurabilityService, list: &mut ParameterWriter<'_>) {
+    list.parameter(DURABILITY_SERVICE, |out| {
+        service.cleanup_delay.encode(out);
+        write_history(service.history, out);
+        write_resource_limits(service.resource_limits, out);
     });
 }
 
@@ -364,6 +387,37 @@ fn write_representation(representation: &[DataRepresentation], list: &mut Parame
             };
             out.extend_from_slice(&id.to_le_bytes());
         }
+    });
+}
+
+/// The kind of 16 bits, then the flags; those that a sender leaves out have their defaults.
+fn read_type_consistency(value: &mut Cursor<'_>) -> Result<TypeConsistency, WireError> {
+    let default = TypeConsistency::default();
+    let allow_coercion = value.u16()? != 0;
+    let mut flag = |default| value.u8().map_or(default, |flag| flag != 0);
+    Ok(TypeConsistency {
+        allow_coercion,
+        ignore_sequence_bounds: flag(default.ignore_sequence_bounds),
+        ignore_string_bounds: flag(default.ignore_string_bounds),
+        ignore_member_names: flag(default.ignore_member_names),
+        prevent_type_widening: flag(default.prevent_type_widening),
+        force_type_validation: flag(default.force_type_validation),
+    })
+}
+
+fn write_type_consistency(consistency: TypeConsistency, list: &mut ParameterWriter<'_>) {
+    list.parameter(TYPE_CONSISTENCY_ENFORCEMENT, |out| {
+        out.extend_from_slice(&u16::from(consistency.allow_coercion).to_le_bytes());
+        out.extend(
+            [
+                consistency.ignore_sequence_bounds,
+                consistency.ignore_string_bounds,
+                consistency.ignore_member_names,
+                consistency.prevent_type_widening,
+                consistency.force_type_validation,
+            ]
+            .map(u8::from),
+        );
     });
 }
 

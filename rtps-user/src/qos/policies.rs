@@ -8,6 +8,8 @@ use crate::wire::Duration;
 /// QosPolicyId_t: names a policy in an incompatible-QoS status.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, Hash, PartialEq, Serialize)]
 pub enum PolicyId {
+    /// USER_DATA.
+    UserData = 1,
     /// DURABILITY.
     Durability = 2,
     /// PRESENTATION.
@@ -18,14 +20,42 @@ pub enum PolicyId {
     LatencyBudget = 5,
     /// OWNERSHIP.
     Ownership = 6,
+    /// OWNERSHIP_STRENGTH.
+    OwnershipStrength = 7,
     /// LIVELINESS.
     Liveliness = 8,
+    /// TIME_BASED_FILTER.
+    TimeBasedFilter = 9,
+    /// PARTITION.
+    Partition = 10,
     /// RELIABILITY.
     Reliability = 11,
     /// DESTINATION_ORDER.
     DestinationOrder = 12,
+    /// HISTORY.
+    History = 13,
+    /// RESOURCE_LIMITS.
+    ResourceLimits = 14,
+    /// ENTITY_FACTORY.
+    EntityFactory = 15,
+    /// WRITER_DATA_LIFECYCLE.
+    WriterDataLifecycle = 16,
+    /// READER_DATA_LIFECYCLE.
+    ReaderDataLifecycle = 17,
+    /// TOPIC_DATA.
+    TopicData = 18,
+    /// GROUP_DATA.
+    GroupData = 19,
+    /// TRANSPORT_PRIORITY.
+    TransportPriority = 20,
+    /// LIFESPAN.
+    Lifespan = 21,
+    /// DURABILITY_SERVICE.
+    DurabilityService = 22,
     /// DATA_REPRESENTATION.
     DataRepresentation = 23,
+    /// TYPE_CONSISTENCY_ENFORCEMENT.
+    TypeConsistency = 24,
 }
 
 /// RELIABILITY: whether lost samples are repeated. Ordered: what is offered must be at least what is requested.
@@ -68,6 +98,17 @@ pub enum Durability {
     Transient,
     /// As TRANSIENT_LOCAL here: there is no durability service.
     Persistent,
+}
+
+/// DURABILITY_SERVICE: what a durability service keeps of a topic whose samples outlive their writer.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, PartialEq, Serialize)]
+pub struct DurabilityService {
+    /// How long what is known of an instance stays after it was disposed and all its writers have gone.
+    pub cleanup_delay: Duration,
+    /// Its HISTORY.
+    pub history: History,
+    /// Its RESOURCE_LIMITS.
+    pub resource_limits: ResourceLimits,
 }
 
 /// HISTORY: how many samples of each instance are kept.
@@ -215,5 +256,68 @@ pub struct TimeBasedFilter(pub Duration);
 impl Default for TimeBasedFilter {
     fn default() -> Self {
         Self(Duration::ZERO)
+    }
+}
+
+/// WRITER_DATA_LIFECYCLE.
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
+pub struct WriterDataLifecycle {
+    /// Whether an instance that its writer unregisters is disposed as well.
+    pub autodispose_unregistered_instances: bool,
+}
+
+impl Default for WriterDataLifecycle {
+    fn default() -> Self {
+        Self {
+            autodispose_unregistered_instances: true,
+        }
+    }
+}
+
+/// READER_DATA_LIFECYCLE: when samples that nobody has taken are dropped.
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
+pub struct ReaderDataLifecycle {
+    /// So long after the instance lost its last writer.
+    pub autopurge_nowriter_samples_delay: Duration,
+    /// So long after the instance was disposed.
+    pub autopurge_disposed_samples_delay: Duration,
+}
+
+impl Default for ReaderDataLifecycle {
+    fn default() -> Self {
+        Self {
+            autopurge_nowriter_samples_delay: Duration::INFINITE,
+            autopurge_disposed_samples_delay: Duration::INFINITE,
+        }
+    }
+}
+
+/// TYPE_CONSISTENCY_ENFORCEMENT of a reader: which writers' types it takes (XTypes 1.3 section 7.6.3.7).
+#[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
+pub struct TypeConsistency {
+    /// Whether types that are assignable will do (ALLOW_TYPE_COERCION), or only the same type.
+    pub allow_coercion: bool,
+    /// Whether bounds of sequences do not count.
+    pub ignore_sequence_bounds: bool,
+    /// Whether bounds of strings do not count.
+    pub ignore_string_bounds: bool,
+    /// Whether names of members do not count.
+    pub ignore_member_names: bool,
+    /// Whether the writer's type may have no fewer members.
+    pub prevent_type_widening: bool,
+    /// Whether writers without type information are refused.
+    pub force_type_validation: bool,
+}
+
+impl Default for TypeConsistency {
+    fn default() -> Self {
+        Self {
+            allow_coercion: true,
+            ignore_sequence_bounds: true,
+            ignore_string_bounds: true,
+            ignore_member_names: false,
+            prevent_type_widening: false,
+            force_type_validation: false,
+        }
     }
 }

@@ -5,9 +5,9 @@ use proptest::option;
 use proptest::prelude::*;
 
 use super::{
-    DataRepresentation, Deadline, DestinationOrder, Durability, History, LatencyBudget, Lifespan,
-    Liveliness, LivelinessKind, Ownership, Partition, Presentation, PresentationScope, Qos,
-    Reliability, ResourceLimits, TimeBasedFilter,
+    DataRepresentation, Deadline, DestinationOrder, Durability, DurabilityService, History,
+    LatencyBudget, Lifespan, Liveliness, LivelinessKind, Ownership, Partition, Presentation,
+    PresentationScope, Qos, Reliability, ResourceLimits, TimeBasedFilter, TypeConsistency,
 };
 use crate::wire::Duration;
 
@@ -139,13 +139,31 @@ pub(crate) fn qos(writer: bool) -> impl Strategy<Value = Qos> {
                     group_data,
                     ..Qos::default()
                 };
-                if writer {
-                    qos.lifespan = Lifespan(other);
-                    qos.transport_priority = priority;
-                } else {
-                    qos.time_based_filter = TimeBasedFilter(other);
+                match writer {
+                    true => of_writer(&mut qos, other, priority),
+                    false => of_reader(&mut qos, other, priority),
                 }
                 qos
             },
         )
+}
+
+fn of_writer(qos: &mut Qos, lifespan: Duration, priority: i32) {
+    qos.lifespan = Lifespan(lifespan);
+    qos.transport_priority = priority;
+    qos.durability_service = DurabilityService {
+        cleanup_delay: qos.deadline.0,
+        history: qos.history,
+        resource_limits: qos.resource_limits,
+    };
+}
+
+fn of_reader(qos: &mut Qos, separation: Duration, flags: i32) {
+    qos.time_based_filter = TimeBasedFilter(separation);
+    qos.type_consistency = TypeConsistency {
+        allow_coercion: flags & 1 == 0,
+        prevent_type_widening: flags & 2 == 0,
+        force_type_validation: flags & 4 == 0,
+        ..TypeConsistency::default()
+    };
 }

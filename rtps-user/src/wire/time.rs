@@ -15,7 +15,9 @@ fn nanos_to_fraction(nanos: u32) -> u32 {
 }
 
 /// A duration as QoS policies carry it: seconds and 2^-32 seconds.
-#[derive(Clone, Copy, Debug, Deserialize, Eq, Hash, Ord, PartialEq, PartialOrd, Serialize)]
+#[derive(
+    Clone, Copy, Debug, Default, Deserialize, Eq, Hash, Ord, PartialEq, PartialOrd, Serialize,
+)]
 pub struct Duration {
     /// Whole seconds.
     pub seconds: i32,

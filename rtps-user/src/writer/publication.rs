@@ -135,6 +135,8 @@ mod tests {
             qos: qos(),
             topic: String::new(),
             type_name: String::new(),
+            type_information: Vec::new(),
+            content_filter: None,
         }
     }
 

@@ -390,6 +390,8 @@ impl Network {
             qos,
             topic: "Square".into(),
             type_name: "ShapeType".into(),
+            type_information: Vec::new(),
+            content_filter: None,
         }
     }
 }

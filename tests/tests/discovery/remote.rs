@@ -118,6 +118,8 @@ impl Remote {
             guid: Guid::new(self.prefix, entity),
             topic: format!("Nobody reads this {number:01000}"),
             type_name: "ShapeType".to_owned(),
+            type_information: Vec::new(),
+            content_filter: None,
             unicast: Vec::new(),
             multicast: Vec::new(),
             expects_inline_qos: false,

@@ -330,6 +330,8 @@ fn samples_that_have_come_are_not_asked_for_by_either() {
         guid,
         topic: "Square".to_owned(),
         type_name: "ShapeType".to_owned(),
+        type_information: Vec::new(),
+        content_filter: None,
         unicast: Vec::new(),
         multicast: Vec::new(),
         expects_inline_qos: false,

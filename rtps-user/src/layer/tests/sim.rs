@@ -103,6 +103,8 @@ pub(super) fn endpoint(slot: u8, serial: u16, kind: EntityKind) -> Endpoint {
         entity: EntityId::of_app(slot, serial, kind),
         topic: "Square".to_owned(),
         type_name: "ShapeType".to_owned(),
+        type_information: Vec::new(),
+        content_filter: None,
         qos: reliable(),
     }
 }

@@ -53,6 +53,8 @@ fn remote(guid: Guid, qos: Qos) -> RemoteEndpoint {
         qos,
         topic: "Square".into(),
         type_name: "ShapeType".into(),
+        type_information: Vec::new(),
+        content_filter: None,
     }
 }
 

@@ -88,6 +88,8 @@ impl Bench {
             qos,
             topic: String::new(),
             type_name: String::new(),
+            type_information: Vec::new(),
+            content_filter: None,
         };
         self.writer.match_reader(self.now, &remote);
     }

@@ -87,6 +87,8 @@ impl Member {
                     entity: EntityId::of_app(welcome.slot, serial, kind),
                     topic: format!("{direction}{serial}"),
                     type_name: "ShapeType".to_owned(),
+                    type_information: Vec::new(),
+                    content_filter: None,
                     qos: Qos::default(),
                 };
                 let declare = ToLayer::Declare(Box::new(endpoint));

@@ -90,6 +90,8 @@ fn declaration(serial: u16) -> ToLayer {
         entity: EntityId::of_app(3, serial, EntityKind::WriterNoKey),
         topic: "T".to_owned(),
         type_name: "T".to_owned(),
+        type_information: Vec::new(),
+        content_filter: None,
         qos: Qos::default(),
     }))
 }
