@@ -11,7 +11,7 @@ use crate::stage::Stage;
 
 /// The publisher goes on until the subscriber has this many: which of them are first depends on the match.
 const WANTED: u64 = 100;
-const PUBLISHER: &str = "--pub --best-effort --period-us 1000 --timeout 50";
+pub(crate) const PUBLISHER: &str = "--pub --best-effort --period-us 1000 --timeout 50";
 
 on_both_layers! {
     cyclone_to_app,
@@ -21,7 +21,7 @@ on_both_layers! {
     reliable_writer_to_best_effort_reader,
 }
 
-fn subscriber() -> String {
+pub(crate) fn subscriber() -> String {
     format!("--sub --best-effort --count {WANTED} --timeout 50")
 }
 
@@ -60,7 +60,7 @@ fn app_to_peer(layer: Layer, peer: &Peer) -> Result<()> {
     ensure_order(host.app(PUBLISHER)?, subscriber)
 }
 
-fn ensure_order(publisher: Process, mut subscriber: Process) -> Result<()> {
+pub(crate) fn ensure_order(publisher: Process, mut subscriber: Process) -> Result<()> {
     subscriber
         .wait_success(flow::END)
         .with_context(|| format!("the publisher's output:\n{}", publisher.text()))?;

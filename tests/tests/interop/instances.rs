@@ -83,19 +83,19 @@ fn app_ends(layer: Layer, peer: &Peer, end: &str, event: &str) -> Result<()> {
 }
 
 /// Runs on when the samples are there: the ends come after them.
-fn subscriber() -> String {
+pub(crate) fn subscriber() -> String {
     format!("--sub {EVERYTHING}")
 }
 
 /// Stays after the ends: a writer that goes takes its instances with it.
-fn publisher(end: &str) -> String {
+pub(crate) fn publisher(end: &str) -> String {
     format!(
         "--pub {EVERYTHING} --count {SAMPLES} --instances {} --period-us 500 --{end} --linger 50",
         COLORS.len()
     )
 }
 
-fn ensure_ends(publisher: Process, mut subscriber: Process, event: &str) -> Result<()> {
+pub(crate) fn ensure_ends(publisher: Process, mut subscriber: Process, event: &str) -> Result<()> {
     let mut missing = BTreeSet::from(COLORS);
     while !missing.is_empty() {
         let end = subscriber.wait_json_event(|seen| seen["event"] == event, flow::END)?;

@@ -1,0 +1,57 @@
+//! The rows of the matrix.
+
+use anyhow::Result;
+use rtps_tests::peers::{self, Peer};
+
+use super::scenario::Scenario;
+
+/// Whose program the other end is.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub(super) enum Vendor {
+    Cyclone010,
+    Cyclone11,
+    FastDds,
+    RustDds,
+    DustDds,
+}
+
+impl Vendor {
+    pub(super) const ALL: [Self; 5] = [
+        Self::Cyclone010,
+        Self::Cyclone11,
+        Self::FastDds,
+        Self::RustDds,
+        Self::DustDds,
+    ];
+
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Cyclone010 => "Cyclone DDS 0.10",
+            Self::Cyclone11 => "Cyclone DDS 11.0",
+            Self::FastDds => "Fast DDS 2.9",
+            Self::RustDds => "RustDDS 0.15",
+            Self::DustDds => "dust_dds 0.16",
+        }
+    }
+
+    pub(super) fn peer(self) -> Result<Peer> {
+        match self {
+            Self::Cyclone010 => peers::cyclone(),
+            Self::Cyclone11 => peers::cyclone11(),
+            Self::FastDds => peers::fast_dds(),
+            Self::RustDds => peers::rust_dds(),
+            Self::DustDds => peers::dust_dds(),
+        }
+    }
+
+    /// Why a scenario is not played with it, whichever end it is.
+    pub(super) fn lacks(self, scenario: Scenario) -> Option<&'static str> {
+        match (self, scenario) {
+            (Self::RustDds, Scenario::Unregister) => {
+                Some("RustDDS has no operation to unregister an instance, nor tells of one")
+            }
+            (Self::RustDds, Scenario::Partitions) => Some("RustDDS has no PARTITION"),
+            _ => None,
+        }
+    }
+}
