@@ -94,6 +94,11 @@ fn run(scenario: Scenario, vendor: Vendor, layer: Layer) -> Result<()> {
         return Ok(());
     }
     let stage = Stage::new("matrix")?;
+    if vendor.lacks_ipv6() {
+        for host in stage.hosts() {
+            host.netns.disable_ipv6()?;
+        }
+    }
     let host = stage.near(layer)?;
     let peer = vendor.peer()?;
     let outcomes = Direction::BOTH.map(|direction| {

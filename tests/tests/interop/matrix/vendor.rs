@@ -44,6 +44,11 @@ impl Vendor {
         }
     }
 
+    /// dust_dds ends with a panic when a participant announces an IPv6 locator.
+    pub(super) fn lacks_ipv6(self) -> bool {
+        self == Self::DustDds
+    }
+
     /// Why a scenario is not played with it, whichever end it is.
     pub(super) fn lacks(self, scenario: Scenario) -> Option<&'static str> {
         match (self, scenario) {
