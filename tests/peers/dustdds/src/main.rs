@@ -62,7 +62,20 @@ fn main() -> ExitCode {
     shapes_peer::run(Writer::open, Reader::open)
 }
 
-fn open(options: &Options) -> Result<(DomainParticipant, Topic)> {
+/// A participant that says goodbye.
+struct Participant(DomainParticipant);
+
+impl Drop for Participant {
+    fn drop(&mut self) {
+        let factory = DomainParticipantFactory::get_instance();
+        let deleted = self.0.delete_contained_entities();
+        if let Err(error) = deleted.and_then(|()| factory.delete_participant(&self.0)) {
+            events::error(&format!("{error:?}"));
+        }
+    }
+}
+
+fn open(options: &Options) -> Result<(Participant, Topic)> {
     let factory = DomainParticipantFactory::get_instance();
     factory
         .get_mut_transport()
@@ -71,7 +84,9 @@ fn open(options: &Options) -> Result<(DomainParticipant, Topic)> {
     let participant = factory
         .create_participant(domain, QosKind::Default, NO_LISTENER, NO_STATUS)
         .map_err(failed)?;
+    let participant = Participant(participant);
     let topic = participant
+        .0
         .create_topic::<ShapeType>(
             &options.topic,
             "ShapeType",
@@ -174,7 +189,7 @@ fn policy_name(policy: i32) -> &'static str {
 
 struct Writer {
     writer: DataWriter<ShapeType>,
-    _participant: DomainParticipant,
+    _participant: Participant,
 }
 
 impl Writer {
@@ -185,6 +200,7 @@ impl Writer {
             ..Default::default()
         };
         let publisher = participant
+            .0
             .create_publisher(QosKind::Specific(group), NO_LISTENER, NO_STATUS)
             .map_err(failed)?;
         let qos = DataWriterQos {
@@ -248,7 +264,7 @@ struct Reader {
     reader: DataReader<ShapeType>,
     /// What ends an instance says only which it is.
     colors: HashMap<InstanceHandle, String>,
-    _participant: DomainParticipant,
+    _participant: Participant,
 }
 
 impl Reader {
@@ -259,6 +275,7 @@ impl Reader {
             ..Default::default()
         };
         let subscriber = participant
+            .0
             .create_subscriber(QosKind::Specific(group), NO_LISTENER, NO_STATUS)
             .map_err(failed)?;
         let qos = DataReaderQos {

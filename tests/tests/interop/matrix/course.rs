@@ -33,7 +33,10 @@ impl<'a> Ends<'a> {
         }
     }
 
+    /// It stays a moment when everything is acknowledged: RustDDS forgets what it has acknowledged and not handed out
+    /// when the writer goes.
     fn publisher(&self, arguments: &str) -> Result<Process> {
+        let arguments = &format!("--linger 0.3 {arguments}");
         match self.direction {
             Direction::FromPeer => self.stage.peer(self.peer, arguments),
             Direction::ToPeer => self.host.app(arguments),
@@ -95,7 +98,10 @@ pub(super) fn incompatible_qos(ends: &Ends<'_>) -> Result<()> {
 pub(super) fn partitions(ends: &Ends<'_>) -> Result<()> {
     const SAMPLES: u64 = 50;
     let both = format!("{EVERYTHING} --count {SAMPLES}");
-    let subscriber = |partition| ends.subscriber(&format!("--sub {both} --partition {partition}"));
+    let subscriber = |partition| {
+        let arguments = format!("--sub {both} --partition {partition} --linger 0.5");
+        ends.subscriber(&arguments)
+    };
     let elsewhere = subscriber("elsewhere")?;
     let here = subscriber("here")?;
     let publisher = ends.publisher(&format!("--pub {both} --partition here"))?;

@@ -87,12 +87,6 @@ with_every_vendor! {
 
 /// Plays a scenario in both directions, the second also when the first fails, and records how it went.
 fn run(scenario: Scenario, vendor: Vendor, layer: Layer) -> Result<()> {
-    if let Some(reason) = vendor.lacks(scenario) {
-        for direction in Direction::BOTH {
-            table::record(layer, vendor, direction, scenario, Outcome::Lacking(reason))?;
-        }
-        return Ok(());
-    }
     let stage = Stage::new("matrix")?;
     if vendor.lacks_ipv6() {
         for host in stage.hosts() {
@@ -102,10 +96,12 @@ fn run(scenario: Scenario, vendor: Vendor, layer: Layer) -> Result<()> {
     let host = stage.near(layer)?;
     let peer = vendor.peer()?;
     let outcomes = Direction::BOTH.map(|direction| {
-        let ends = Ends::new(&stage, &host, &peer, direction);
-        let played = scenario.play(&ends);
-        let outcome = Outcome::of(&played);
-        table::record(layer, vendor, direction, scenario, outcome)?;
+        if let Some(reason) = vendor.lacks(scenario, direction) {
+            let outcome = Outcome::Lacking(reason);
+            return table::record(layer, vendor, direction, scenario, outcome);
+        }
+        let played = scenario.play(&Ends::new(&stage, &host, &peer, direction));
+        table::record(layer, vendor, direction, scenario, Outcome::of(&played))?;
         played.with_context(|| format!("{direction:?}"))
     });
     outcomes.into_iter().collect()

@@ -3,6 +3,7 @@
 use anyhow::Result;
 use rtps_tests::peers::{self, Peer};
 
+use super::Direction;
 use super::scenario::Scenario;
 
 /// Whose program the other end is.
@@ -49,13 +50,17 @@ impl Vendor {
         self == Self::DustDds
     }
 
-    /// Why a scenario is not played with it, whichever end it is.
-    pub(super) fn lacks(self, scenario: Scenario) -> Option<&'static str> {
-        match (self, scenario) {
-            (Self::RustDds, Scenario::Unregister) => {
+    /// Why a scenario is not played with it in this direction.
+    pub(super) fn lacks(self, scenario: Scenario, direction: Direction) -> Option<&'static str> {
+        match (self, scenario, direction) {
+            (Self::RustDds, Scenario::Unregister, _) => {
                 Some("RustDDS has no operation to unregister an instance, nor tells of one")
             }
-            (Self::RustDds, Scenario::Partitions) => Some("RustDDS has no PARTITION"),
+            (Self::RustDds, Scenario::Partitions, _) => Some("RustDDS has no PARTITION"),
+            (Self::DustDds, Scenario::FourMegabytes, Direction::ToPeer) => Some(
+                "dust_dds ends with a panic when it has to ask for more than 256 fragments of a sample, which is as soon \
+                 as its socket's buffer overflows",
+            ),
             _ => None,
         }
     }
