@@ -81,7 +81,10 @@ fn everybody_outlives_the_leases() -> Result<()> {
     let outcomes: Vec<Result<()>> = flows.iter_mut().map(Flow::finish).collect();
     ensure!(started.elapsed() >= SOAK, "the soak was too short");
     drop(publishers);
-    outcomes.into_iter().collect()
+    let failures = outcomes.into_iter().filter_map(Result::err);
+    let failures: Vec<String> = failures.map(|error| format!("{error:#}")).collect();
+    ensure!(failures.is_empty(), "{}", failures.join("\n"));
+    Ok(())
 }
 
 /// The topic of the app that writes on a layer.
