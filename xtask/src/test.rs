@@ -1,8 +1,8 @@
 //! `cargo xtask test`: everything that must hold, in one run with one closing line.
 //!
 //! Formatting, lints and the committed BPF object are checked first, because they are quick to tell; then the
-//! binaries and peers that the network tests start are built, then every test of the workspace runs. Tests that need root,
-//! or a program that can't be had here, print why they skip.
+//! binaries and peers that the network tests start are built, then every test of the workspace runs. Tests that need
+//! root, or a program that can't be had here, print why they skip.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
