@@ -73,6 +73,11 @@ pub enum WriteError {
     /// Only topics with keys have instances to dispose or unregister.
     #[error("the topic has no key, so there is no instance to dispose or unregister")]
     NoKey,
+    /// Handles come from registering an instance.
+    #[error(
+        "the handle is of no instance that is registered with this writer: register_instance gives one"
+    )]
+    UnknownInstance,
     /// The writer has been withdrawn.
     #[error("the writer's participant is closed")]
     Closed,

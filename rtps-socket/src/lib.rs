@@ -38,7 +38,8 @@ pub use rtps_user::reader::{
     Selection, ViewState,
 };
 pub use rtps_user::wire::{
-    EntityId, Guid, GuidPrefix, KeyHash, PayloadKind, SequenceNumber, Timestamp,
+    EntityId, Guid, GuidPrefix, KeyHash, KeyHash as InstanceHandle, PayloadKind, SequenceNumber,
+    Timestamp,
 };
 pub use socket::{Builder, RawChange, RawReader, RawSamples, RawWriter, RtpsSocket};
 pub use status::StatusEvent;

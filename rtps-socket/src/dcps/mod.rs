@@ -1,7 +1,9 @@
 //! The typed API in the terms of DDS 1.4: participant, topic, publisher, subscriber, writer, reader.
 
+mod access;
 mod data_reader;
 mod data_writer;
+mod keys;
 mod participant;
 mod publisher;
 mod sample;

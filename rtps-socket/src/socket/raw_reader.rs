@@ -1,13 +1,14 @@
 //! A reader of payloads that stay serialized.
 
+use std::collections::HashMap;
 use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::{Duration, Instant};
 
 use futures_core::Stream;
-use rtps_user::reader::{InstanceOf, Sample, Selection};
-use rtps_user::wire::Guid;
+use rtps_user::reader::{InstanceOf, Reader, Sample, Selection};
+use rtps_user::wire::{Guid, KeyHash};
 
 use super::endpoint::{EndpointHandle, deadline};
 use crate::driver::Core;
@@ -43,6 +44,69 @@ impl RawReader {
             let reader = core.endpoints.reader_mut(self.endpoint.id());
             reader.map_or_else(Vec::new, |reader| reader.read(max, selection))
         })
+    }
+
+    /// Takes up to `max` samples of the next instance after `previous`, in the order of key hashes, that has samples of
+    /// the selection, without waiting; of the first such instance where there is no previous one.
+    pub fn take_next_instance(
+        &self,
+        previous: Option<KeyHash>,
+        max: usize,
+        selection: &Selection,
+    ) -> Vec<Sample> {
+        self.of_next_instance(previous, selection, |reader, of_instance| {
+            reader.take(max, of_instance)
+        })
+    }
+
+    /// Reads what [`take_next_instance`](Self::take_next_instance) would take.
+    pub fn read_next_instance(
+        &self,
+        previous: Option<KeyHash>,
+        max: usize,
+        selection: &Selection,
+    ) -> Vec<Sample> {
+        self.of_next_instance(previous, selection, |reader, of_instance| {
+            reader.read(max, of_instance)
+        })
+    }
+
+    fn of_next_instance(
+        &self,
+        previous: Option<KeyHash>,
+        selection: &Selection,
+        access: impl FnOnce(&mut Reader, &Selection) -> Vec<Sample>,
+    ) -> Vec<Sample> {
+        self.endpoint.shared().poll(|core, _| {
+            let Some(reader) = core.endpoints.reader_mut(self.endpoint.id()) else {
+                return Vec::new();
+            };
+            let instance = reader.next_instance(previous, selection);
+            instance.map_or_else(Vec::new, |instance| {
+                let of_instance = Selection {
+                    instance: Some(instance),
+                    ..*selection
+                };
+                access(reader, &of_instance)
+            })
+        })
+    }
+
+    /// Whether the reader knows an instance.
+    pub fn lookup_instance(&self, instance: KeyHash) -> bool {
+        self.endpoint.shared().with(|core, _| {
+            let reader = core.endpoints.reader(self.endpoint.id());
+            reader.is_some_and(|reader| reader.lookup_instance(instance))
+        })
+    }
+
+    /// Leaves only the instances that the reader knows.
+    pub(crate) fn retain_known<V>(&self, instances: &mut HashMap<KeyHash, V>) {
+        self.endpoint.shared().with(|core, _| {
+            if let Some(reader) = core.endpoints.reader(self.endpoint.id()) {
+                instances.retain(|instance, _| reader.lookup_instance(*instance));
+            }
+        });
     }
 
     /// Takes the next sample, waiting for it up to `timeout`. A wait without end ends where the layer is lost, of

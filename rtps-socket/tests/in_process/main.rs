@@ -4,6 +4,7 @@
 mod dcps;
 mod driving;
 mod event_loop;
+mod instances;
 mod processes;
 mod streaming;
 mod support;

@@ -7,6 +7,7 @@ use super::cache::Cache;
 use super::entries::Entry;
 use super::instance::Instance;
 use super::{Sample, SampleInfo, SampleState, Selection, ViewState};
+use crate::wire::KeyHash;
 
 /// Whether samples stay.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
@@ -51,6 +52,25 @@ impl Cache {
     /// Whether there is a sample that `selection` selects.
     pub(super) fn has_matching(&self, selection: &Selection) -> bool {
         self.select(selection).next().is_some()
+    }
+
+    /// The next instance after `after`, in the order of key hashes, that has a sample that `selection` selects.
+    pub(super) fn next_instance(
+        &self,
+        after: Option<KeyHash>,
+        selection: &Selection,
+    ) -> Option<KeyHash> {
+        self.instances
+            .keys()
+            .filter(|key| after.is_none_or(|after| *key > after))
+            .filter(|key| {
+                let of_instance = Selection {
+                    instance: Some(*key),
+                    ..*selection
+                };
+                self.has_matching(&of_instance)
+            })
+            .min()
     }
 
     fn select<'a>(&'a self, selection: &'a Selection) -> impl Iterator<Item = u32> + 'a {

@@ -39,7 +39,8 @@ use std::time::Instant;
 use crate::qos::Qos;
 use crate::table::Table;
 use crate::wire::{
-    Data, DataFrag, Gap, Guid, GuidPrefix, Heartbeat, HeartbeatFrag, SequenceNumber, Timestamp,
+    Data, DataFrag, Gap, Guid, GuidPrefix, Heartbeat, HeartbeatFrag, KeyHash, SequenceNumber,
+    Timestamp,
 };
 use crate::{RemoteEndpoint, Transmit};
 use access::Access;
@@ -386,6 +387,16 @@ impl Reader {
     /// Whether there is a sample that `selection` selects.
     pub fn has_matching(&self, selection: &Selection) -> bool {
         self.cache.has_matching(selection)
+    }
+
+    /// The next instance after `after`, in the order of key hashes, that has a sample that `selection` selects.
+    pub fn next_instance(&self, after: Option<KeyHash>, selection: &Selection) -> Option<KeyHash> {
+        self.cache.next_instance(after, selection)
+    }
+
+    /// Whether the reader knows an instance.
+    pub fn lookup_instance(&self, instance: KeyHash) -> bool {
+        self.cache.instances.get(instance).is_some()
     }
 
     /// How many samples there are, read or not.
