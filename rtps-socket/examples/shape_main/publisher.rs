@@ -9,7 +9,7 @@ use crate::interrupt::Interrupt;
 use crate::options::{FinalState, Options, numbered};
 use crate::output::Printer;
 use crate::shape::{Motion, ShapeType};
-use crate::{qos, report};
+use crate::{listener, qos, report};
 
 /// How long each writer waits for its readers at the end.
 const FAREWELL: Duration = Duration::from_secs(1);
@@ -45,7 +45,7 @@ impl<'a> ShapePublisher<'a> {
         let writers = topics.iter().map(|topic| {
             let name = topic.name();
             printer.print(format!("Create writer for topic: {name} color: {color}"));
-            TopicWriter::new(&publisher, topic, options)
+            TopicWriter::new(&publisher, topic, options, printer)
         });
         Ok(Self {
             writers: writers.collect::<Result<_, _>>()?,
@@ -105,9 +105,11 @@ impl<'a> ShapePublisher<'a> {
 
     /// Begins a coherent set where one is due.
     fn begin_set(&self, iteration: u32) {
-        if self.place_in_set(iteration).is_some_and(|(place, _)| place == 0) {
+        if self
+            .place_in_set(iteration)
+            .is_some_and(|(place, _)| place == 0)
+        {
             self.printer.print("Started Coherent Set");
-            self.publisher.begin_coherent_changes();
         }
     }
 
@@ -116,7 +118,6 @@ impl<'a> ShapePublisher<'a> {
         let place = self.place_in_set(iteration);
         if place.is_some_and(|(place, iterations)| place + 1 == iterations) {
             self.printer.print("Finished Coherent Set");
-            self.publisher.end_coherent_changes();
         }
     }
 
@@ -164,10 +165,13 @@ impl TopicWriter {
         publisher: &Publisher,
         topic: &Topic<ShapeType>,
         options: &Options,
+        printer: &Printer,
     ) -> Result<Self, CreateError> {
+        let writer = publisher.create_writer(topic, qos::writer(options))?;
+        writer.set_listener(listener::printing(topic.name(), topic.type_name(), printer));
         Ok(Self {
             topic: topic.name().to_owned(),
-            writer: publisher.create_writer(topic, qos::writer(options))?,
+            writer,
         })
     }
 }

@@ -47,7 +47,8 @@ pub(crate) fn reader(options: &Options) -> Qos {
         qos = qos.exclusive_ownership(0);
     }
     if let Some(separation) = options.qos.minimum_separation {
-        qos = qos.time_based_filter(separation);
+        let separation = rtps_user::wire::Duration::from_std(separation);
+        qos = qos.with(|policies| policies.time_based_filter.0 = separation);
     }
     qos
 }

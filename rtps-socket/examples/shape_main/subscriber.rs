@@ -3,15 +3,13 @@
 use std::collections::HashMap;
 
 use rtps_socket::error::CreateError;
-use rtps_socket::{
-    DataReader, DomainParticipant, KeyHash, Sample, Selection, Subscriber, Topic,
-};
+use rtps_socket::{DataReader, DomainParticipant, KeyHash, Sample, Selection, Subscriber, Topic};
 
 use crate::interrupt::Interrupt;
 use crate::options::Options;
 use crate::output::Printer;
 use crate::shape::ShapeType;
-use crate::{qos, report};
+use crate::{listener, qos, report};
 
 /// Everything that a subscriber reads with.
 pub(crate) struct ShapeSubscriber<'a> {
@@ -43,7 +41,7 @@ impl<'a> ShapeSubscriber<'a> {
         let readers = topics.iter().map(|topic| {
             let name = topic.name();
             printer.print(format!("Create reader for topic: {name}"));
-            TopicReader::new(&subscriber, topic, options)
+            TopicReader::new(&subscriber, topic, options, printer)
         });
         Ok(Self {
             readers: readers.collect::<Result<_, _>>()?,
@@ -59,12 +57,9 @@ impl<'a> ShapeSubscriber<'a> {
         let mut iteration = 0;
         while !self.interrupt.is_raised() {
             self.announce(iteration);
-            let access = self.options.has_presentation();
-            let access = access.then(|| self.subscriber.begin_access());
             for reader in &mut self.readers {
                 reader.access(self.options, self.printer);
             }
-            drop(access);
             iteration += 1;
             if self.options.iterations == Some(iteration) {
                 break;
@@ -90,10 +85,13 @@ impl TopicReader {
         subscriber: &Subscriber,
         topic: &Topic<ShapeType>,
         options: &Options,
+        printer: &Printer,
     ) -> Result<Self, CreateError> {
+        let reader = subscriber.create_reader(topic, qos::reader(options))?;
+        reader.set_listener(listener::printing(topic.name(), topic.type_name(), printer));
         Ok(Self {
             name: topic.name().to_owned(),
-            reader: subscriber.create_reader(topic, qos::reader(options))?,
+            reader,
             colors: HashMap::new(),
         })
     }

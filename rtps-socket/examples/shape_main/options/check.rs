@@ -91,11 +91,18 @@ fn warn_either(options: &Options, warnings: &mut Vec<String>) {
     let publisher = &options.publisher;
     let has_scope = options.qos.scope != super::QosOptions::default().scope;
     let ignored = [
-        (publisher.set_iterations.is_some(), "--coherent-sample-count"),
+        (
+            publisher.set_iterations.is_some(),
+            "--coherent-sample-count",
+        ),
         (has_scope, "--access-scope"),
     ];
     if !options.has_presentation() {
-        warn(&ignored, "who has neither --coherent nor --ordered", warnings);
+        warn(
+            &ignored,
+            "who has neither --coherent nor --ordered",
+            warnings,
+        );
     }
     if publisher.shape_size != 0 {
         let ignored = [(publisher.size_modulo.is_some(), "--size-modulo")];

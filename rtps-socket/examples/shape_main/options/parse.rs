@@ -211,11 +211,7 @@ fn number(
     }
 }
 
-fn count(
-    option: &'static str,
-    least: i32,
-    tokens: &mut lexopt::Parser,
-) -> Result<u32, UsageError> {
+fn count(option: &'static str, least: i32, tokens: &mut lexopt::Parser) -> Result<u32, UsageError> {
     Ok(number(option, least, tokens)?.unsigned_abs())
 }
 
@@ -332,14 +328,8 @@ mod tests {
         assert!(found.qos.is_coherent);
         assert_eq!(found.publisher.set_iterations, Some(2));
         assert_eq!(found.qos.scope, PresentationScope::Group);
-        assert!(matches!(
-            error("-P -t T --num 3"),
-            UsageError::Ambiguous(_)
-        ));
-        assert!(matches!(
-            error("-P -t T --co 3"),
-            UsageError::Ambiguous(_)
-        ));
+        assert!(matches!(error("-P -t T --num 3"), UsageError::Ambiguous(_)));
+        assert!(matches!(error("-P -t T --co 3"), UsageError::Ambiguous(_)));
     }
 
     #[test]
@@ -408,10 +398,7 @@ mod tests {
     #[test]
     fn help_needs_nothing_else() {
         for line in ["-h", "-P --he", "-Ph"] {
-            assert!(matches!(
-                parse(line.split_whitespace()),
-                Ok(Request::Help)
-            ));
+            assert!(matches!(parse(line.split_whitespace()), Ok(Request::Help)));
         }
     }
 }
