@@ -3,7 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use crate::wire::{
-    Cursor, Parameter, ParameterId, ParameterList, ParameterWriter, SequenceNumber, WireError,
+    Cursor, Duration, Parameter, ParameterId, ParameterList, ParameterWriter, SequenceNumber,
+    WireError,
 };
 
 /// The 16 bytes that name an instance (RTPS 9.6.4.8): its big-endian key, zero-padded, or the MD5 of it.
@@ -42,6 +43,11 @@ impl StatusInfo {
     }
 }
 
+/// GroupDigest_t (RTPS 9.3.2): a digest of the entity ids of a publisher's writers. Who reads it compares it with
+/// others, nothing else.
+#[derive(Clone, Copy, Debug, Default, Eq, Hash, Ord, PartialEq, PartialOrd)]
+pub struct GroupDigest(pub [u8; 4]);
+
 /// The parameters of a change that we use; unknown ones are skipped.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub struct InlineQos {
@@ -49,8 +55,17 @@ pub struct InlineQos {
     pub key_hash: Option<KeyHash>,
     /// PID_STATUS_INFO; absent means an ordinary sample.
     pub status: StatusInfo,
-    /// PID_COHERENT_SET: the first change of the set that this change belongs to.
+    /// PID_COHERENT_SET: the first change of the set that this change belongs to; SEQUENCENUMBER_UNKNOWN says that the
+    /// set before has ended (RTPS 8.7.6).
     pub coherent_set: Option<SequenceNumber>,
+    /// PID_GROUP_SEQ_NUM: the change's number among all changes of its publisher (RTPS 8.7.5).
+    pub group_sequence: Option<SequenceNumber>,
+    /// PID_GROUP_COHERENT_SET: the group sequence number that the publisher's set begins with (RTPS 8.7.6).
+    pub group_coherent_set: Option<SequenceNumber>,
+    /// PID_WRITER_GROUP_INFO: the writers of the publisher, at the end of a set of GROUP scope.
+    pub writer_group: Option<GroupDigest>,
+    /// PID_LIFESPAN: that of this change alone.
+    pub lifespan: Option<Duration>,
 }
 
 impl InlineQos {
@@ -71,13 +86,26 @@ impl InlineQos {
                 ParameterId::STATUS_INFO => {
                     qos.status = StatusInfo::from_octet(value.array::<4>()?[3])
                 }
-                ParameterId::COHERENT_SET => {
-                    qos.coherent_set = Some(SequenceNumber::decode(&mut value)?)
-                }
-                _ => {}
+                _ => qos.decode_rare(id, &mut value)?,
             }
         }
         Ok(qos)
+    }
+
+    fn decode_rare(&mut self, id: ParameterId, value: &mut Cursor<'_>) -> Result<(), WireError> {
+        match id {
+            ParameterId::COHERENT_SET => self.coherent_set = Some(SequenceNumber::decode(value)?),
+            ParameterId::GROUP_SEQ_NUM => {
+                self.group_sequence = Some(SequenceNumber::decode(value)?)
+            }
+            ParameterId::GROUP_COHERENT_SET => {
+                self.group_coherent_set = Some(SequenceNumber::decode(value)?)
+            }
+            ParameterId::WRITER_GROUP_INFO => self.writer_group = Some(GroupDigest(value.array()?)),
+            ParameterId::LIFESPAN => self.lifespan = Some(Duration::decode(value)?),
+            _ => {}
+        }
+        Ok(())
     }
 
     /// Writes the list with its sentinel.
@@ -93,8 +121,22 @@ impl InlineQos {
                 value.extend_from_slice(&[0, 0, 0, self.status.octet()])
             });
         }
-        if let Some(first) = self.coherent_set {
-            list.parameter(ParameterId::COHERENT_SET, |value| first.encode(value));
+        for (id, number) in [
+            (ParameterId::COHERENT_SET, self.coherent_set),
+            (ParameterId::GROUP_SEQ_NUM, self.group_sequence),
+            (ParameterId::GROUP_COHERENT_SET, self.group_coherent_set),
+        ] {
+            if let Some(number) = number {
+                list.parameter(id, |value| number.encode(value));
+            }
+        }
+        if let Some(GroupDigest(digest)) = self.writer_group {
+            list.parameter(ParameterId::WRITER_GROUP_INFO, |value| {
+                value.extend_from_slice(&digest)
+            });
+        }
+        if let Some(lifespan) = self.lifespan {
+            list.parameter(ParameterId::LIFESPAN, |value| lifespan.encode(value));
         }
         list.finish();
     }
