@@ -74,6 +74,26 @@ impl InlineQos {
         *self == Self::default()
     }
 
+    /// Bytes of the list with its sentinel; 0 where there is nothing to write.
+    pub fn encoded_len(&self) -> usize {
+        const HEADER: usize = 4;
+        if self.is_empty() {
+            return 0;
+        }
+        let numbers = [
+            self.coherent_set,
+            self.group_sequence,
+            self.group_coherent_set,
+        ];
+        let numbers = numbers.iter().flatten().count();
+        HEADER
+            + usize::from(self.key_hash.is_some()) * (HEADER + 16)
+            + usize::from(self.status != StatusInfo::default()) * (HEADER + 4)
+            + numbers * (HEADER + 8)
+            + usize::from(self.writer_group.is_some()) * (HEADER + 4)
+            + usize::from(self.lifespan.is_some()) * (HEADER + 8)
+    }
+
     /// Reads a whole list up to its sentinel and moves the cursor behind it.
     pub(super) fn decode(cursor: &mut Cursor<'_>) -> Result<Self, WireError> {
         let (list, length) = ParameterList::parse(cursor.rest(), cursor.endianness())?;
@@ -139,5 +159,39 @@ impl InlineQos {
             list.parameter(ParameterId::LIFESPAN, |value| lifespan.encode(value));
         }
         list.finish();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_length_is_known_before() {
+        let number = Some(SequenceNumber(7));
+        let status = StatusInfo {
+            unregistered: true,
+            ..StatusInfo::default()
+        };
+        let all = InlineQos {
+            key_hash: Some(KeyHash([1; 16])),
+            status,
+            coherent_set: number,
+            group_sequence: number,
+            group_coherent_set: number,
+            writer_group: Some(GroupDigest([1; 4])),
+            lifespan: Some(Duration::ZERO),
+        };
+        let some = InlineQos {
+            status,
+            group_sequence: number,
+            ..InlineQos::default()
+        };
+        for qos in [all, some] {
+            let mut out = Vec::new();
+            qos.encode(&mut out);
+            assert_eq!(qos.encoded_len(), out.len());
+        }
+        assert_eq!(InlineQos::default().encoded_len(), 0);
     }
 }
