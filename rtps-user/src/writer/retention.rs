@@ -83,8 +83,9 @@ impl Writer {
 
     /// The last change that has been sent and that all reliable readers have acknowledged.
     fn done(&self) -> SequenceNumber {
+        let live = self.live.end();
         let unsent = self.selection.unsent_from();
-        let unsent = unsent.map_or(self.live.end(), |from| from.min(self.live.end()));
+        let unsent = unsent.map_or(live, |unsent| unsent.min(live));
         self.acknowledged().min(unsent.previous())
     }
 
