@@ -18,7 +18,7 @@ pub mod error;
 mod link;
 pub mod qos;
 mod socket;
-mod status;
+pub mod status;
 #[expect(
     unsafe_code,
     reason = "memory shared with the kernel, and system calls without a safe wrapper"
@@ -27,7 +27,8 @@ mod sys;
 
 pub use bytes::Bytes;
 pub use dcps::{
-    DataReader, DataWriter, DomainParticipant, Publisher, Sample, Samples, Subscriber, Topic,
+    Access, CoherentChanges, DataReader, DataWriter, DomainParticipant, Publisher, Sample, Samples,
+    Subscriber, Topic,
 };
 pub use link::{LayerChoice, LayerKind};
 pub use qos::Qos;
@@ -42,4 +43,4 @@ pub use rtps_user::wire::{
     Timestamp,
 };
 pub use socket::{Builder, RawChange, RawReader, RawSamples, RawWriter, RtpsSocket};
-pub use status::StatusEvent;
+pub use status::{EntityEvent, StatusEvent, StatusKind, StatusMask};

@@ -15,7 +15,7 @@ use crate::status::StatusEvent;
 
 /// Whether samples stay in the reader.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
-pub(super) enum Access {
+pub(super) enum Form {
     Read,
     Take,
 }
@@ -28,7 +28,7 @@ impl<T: DdsType> DataReader<T> {
 
     /// Takes up to `max` samples of a selection.
     pub fn take_selection(&self, max: usize, selection: &Selection) -> Vec<Sample<T>> {
-        self.decode_all(self.reader.take(max, selection), Access::Take)
+        self.decode_all(self.reader.take(max, selection), Form::Take)
     }
 
     /// Takes up to `max` samples of one instance.
@@ -51,7 +51,7 @@ impl<T: DdsType> DataReader<T> {
         max: usize,
         selection: &Selection,
     ) -> Vec<Sample<T>> {
-        self.next_instance(previous, Access::Take, |previous| {
+        self.next_instance(previous, Form::Take, |previous| {
             self.reader.take_next_instance(previous, max, selection)
         })
     }
@@ -63,7 +63,7 @@ impl<T: DdsType> DataReader<T> {
 
     /// Reads up to `max` samples of a selection, which count as read then.
     pub fn read_selection(&self, max: usize, selection: &Selection) -> Vec<Sample<T>> {
-        self.decode_all(self.reader.read(max, selection), Access::Read)
+        self.decode_all(self.reader.read(max, selection), Form::Read)
     }
 
     /// Reads up to `max` samples of one instance.
@@ -83,7 +83,7 @@ impl<T: DdsType> DataReader<T> {
         max: usize,
         selection: &Selection,
     ) -> Vec<Sample<T>> {
-        self.next_instance(previous, Access::Read, |previous| {
+        self.next_instance(previous, Form::Read, |previous| {
             self.reader.read_next_instance(previous, max, selection)
         })
     }
@@ -112,7 +112,7 @@ impl<T: DdsType> DataReader<T> {
     fn next_instance(
         &self,
         mut previous: Option<KeyHash>,
-        access: Access,
+        form: Form,
         next: impl Fn(Option<KeyHash>) -> Vec<reader::Sample>,
     ) -> Vec<Sample<T>> {
         loop {
@@ -121,21 +121,21 @@ impl<T: DdsType> DataReader<T> {
                 return Vec::new();
             };
             previous = Some(first.info.instance);
-            let samples = self.decode_all(samples, access);
+            let samples = self.decode_all(samples, form);
             if !samples.is_empty() {
                 return samples;
             }
         }
     }
 
-    fn decode_all(&self, samples: Vec<reader::Sample>, access: Access) -> Vec<Sample<T>> {
+    fn decode_all(&self, samples: Vec<reader::Sample>, form: Form) -> Vec<Sample<T>> {
         let samples = samples.into_iter();
-        let decoded = samples.filter_map(|sample| self.decode(sample, access));
+        let decoded = samples.filter_map(|sample| self.decode(sample, form));
         decoded.collect()
     }
 
     /// The typed sample; what is not of the type is reported and left out.
-    pub(super) fn decode(&self, sample: reader::Sample, access: Access) -> Option<Sample<T>> {
+    pub(super) fn decode(&self, sample: reader::Sample, form: Form) -> Option<Sample<T>> {
         let info = sample.info;
         let decoded = match info.valid_data {
             true => from_payload(&sample.payload).map(|data| (Some(data), None)),
@@ -145,7 +145,7 @@ impl<T: DdsType> DataReader<T> {
             Ok((data, key)) => {
                 let sample = Sample { data, key, info };
                 if T::HAS_KEY {
-                    self.note_instance(&sample, access);
+                    self.note_instance(&sample, form);
                 }
                 Some(sample)
             }
@@ -167,13 +167,13 @@ impl<T: DdsType> DataReader<T> {
     }
 
     /// Notes the key of an instance until its end has been taken: who ends it may send its hash alone.
-    fn note_instance(&self, sample: &Sample<T>, access: Access) {
+    fn note_instance(&self, sample: &Sample<T>, form: Form) {
         let info = &sample.info;
         if let Some(data) = &sample.data {
             self.keys.note(info.instance, data, |keys| {
                 self.reader.retain_known(keys);
             });
-        } else if access == Access::Take && info.instance_state != InstanceState::Alive {
+        } else if form == Form::Take && info.instance_state != InstanceState::Alive {
             self.keys.forget(info.instance);
         }
     }

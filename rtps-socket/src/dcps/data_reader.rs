@@ -7,14 +7,13 @@ use std::time::{Duration, Instant};
 use futures_core::Stream;
 use rtps_user::wire::Guid;
 
-use super::access::{Access, instance_of_payload};
+use super::Sample;
+use super::access::{Form, instance_of_payload};
 use super::keys::Keys;
-use super::{Sample, Topic};
 use crate::cdr::DdsType;
-use crate::error::{CreateError, WaitError};
-use crate::qos::Qos;
-use crate::socket::{RawReader, RtpsSocket};
-use crate::status::StatusEvent;
+use crate::error::{CreateError, SetQosError, WaitError};
+use crate::qos::{Qos, policies};
+use crate::socket::{RawReader, RtpsSocket, Template};
 
 /// A reader of samples of type `T`. Dropped, it is withdrawn.
 pub struct DataReader<T> {
@@ -24,14 +23,10 @@ pub struct DataReader<T> {
 }
 
 impl<T: DdsType> DataReader<T> {
-    pub(super) fn new(
-        socket: &RtpsSocket,
-        topic: &Topic<T>,
-        qos: Qos,
-    ) -> Result<Self, CreateError> {
+    pub(super) fn new(socket: &RtpsSocket, template: Template) -> Result<Self, CreateError> {
         let instance_of = T::HAS_KEY.then(instance_of_payload::<T>);
         Ok(Self {
-            reader: socket.create_reader(topic.name(), T::TYPE_NAME, qos, instance_of)?,
+            reader: socket.create_reader_of(template, instance_of)?,
             keys: Keys::default(),
             sample: std::marker::PhantomData,
         })
@@ -43,7 +38,7 @@ impl<T: DdsType> DataReader<T> {
         let deadline = Instant::now().checked_add(timeout);
         loop {
             let sample = self.reader.recv_until(deadline)?;
-            if let Some(sample) = self.decode(sample, Access::Take) {
+            if let Some(sample) = self.decode(sample, Form::Take) {
                 return Some(sample);
             }
         }
@@ -69,7 +64,7 @@ impl<T: DdsType> DataReader<T> {
             let Poll::Ready(sample) = self.reader.poll_recv(context) else {
                 return Poll::Pending;
             };
-            if let Some(sample) = self.decode(sample, Access::Take) {
+            if let Some(sample) = self.decode(sample, Form::Take) {
                 return Poll::Ready(sample);
             }
         }
@@ -93,14 +88,23 @@ impl<T: DdsType> DataReader<T> {
         self.reader.wait_for_matched(count, timeout)
     }
 
-    /// What has happened since the last call, up to the newest 256 events; nothing where there is a listener.
-    pub fn status_events(&self) -> Vec<StatusEvent> {
-        self.reader.status_events()
+    /// Its policies, with those of its subscriber.
+    pub fn qos(&self) -> policies::Qos {
+        self.reader.qos()
     }
 
-    /// Has `listener` called with every event, by whatever thread drives.
-    pub fn set_listener(&self, listener: impl Fn(StatusEvent) + Send + Sync + 'static) {
-        self.reader.set_listener(listener);
+    /// Changes its policies, and has others learn of it: USER_DATA, DEADLINE, LATENCY_BUDGET, TIME_BASED_FILTER,
+    /// READER_DATA_LIFECYCLE and, where it has no subscriber, PARTITION.
+    ///
+    /// # Errors
+    /// When a policy is among them that may not change, or that makes no sense.
+    pub fn set_qos(&self, qos: Qos) -> Result<(), SetQosError> {
+        self.reader.set_qos(qos)
+    }
+
+    /// Has others learn of the reader, where it was created not to be known yet.
+    pub fn enable(&self) {
+        self.reader.enable();
     }
 }
 

@@ -9,13 +9,12 @@ use rtps_user::history::ChangeKind;
 use rtps_user::qos::DataRepresentation;
 use rtps_user::wire::{Guid, KeyHash, SequenceNumber};
 
+use super::instance_of;
 use super::keys::Keys;
-use super::{Topic, instance_of};
 use crate::cdr::{DdsType, EncodeError, Representation, key_payload, to_payload};
-use crate::error::{CreateError, WaitError, WriteError};
-use crate::qos::Qos;
-use crate::socket::{RawChange, RawWriter, RtpsSocket};
-use crate::status::StatusEvent;
+use crate::error::{CreateError, SetQosError, WaitError, WriteError};
+use crate::qos::{Qos, policies};
+use crate::socket::{RawChange, RawWriter, RtpsSocket, Template};
 
 /// Payloads up to this size are serialized into a buffer that is used again, and copied; larger ones keep theirs.
 const COPIED: usize = 4096;
@@ -27,7 +26,7 @@ thread_local! {
 
 /// A writer of samples of type `T`. Dropped, it is withdrawn: samples that readers still lack are gone.
 pub struct DataWriter<T> {
-    writer: RawWriter,
+    pub(super) writer: RawWriter,
     representation: Representation,
     /// Of the instances whose handles the app has asked for.
     keys: Keys,
@@ -35,18 +34,14 @@ pub struct DataWriter<T> {
 }
 
 impl<T: DdsType> DataWriter<T> {
-    pub(super) fn new(
-        socket: &RtpsSocket,
-        topic: &Topic<T>,
-        qos: Qos,
-    ) -> Result<Self, CreateError> {
-        let representation = match qos.clone().into_writer().representation.first() {
+    pub(super) fn new(socket: &RtpsSocket, template: Template) -> Result<Self, CreateError> {
+        let representation = match template.qos.representation.first() {
             None | Some(DataRepresentation::Xcdr1) => Representation::Xcdr1,
             Some(DataRepresentation::Xcdr2) => Representation::Xcdr2,
             Some(DataRepresentation::Xml) => return Err(CreateError::UnsupportedRepresentation),
         };
         Ok(Self {
-            writer: socket.create_writer(topic.name(), T::TYPE_NAME, qos, T::HAS_KEY)?,
+            writer: socket.create_writer_of(template, T::HAS_KEY)?,
             representation,
             keys: Keys::default(),
             sample: PhantomData,
@@ -236,13 +231,22 @@ impl<T: DdsType> DataWriter<T> {
         self.writer.assert_liveliness();
     }
 
-    /// What has happened since the last call, up to the newest 256 events; nothing where there is a listener.
-    pub fn status_events(&self) -> Vec<StatusEvent> {
-        self.writer.status_events()
+    /// Its policies, with those of its publisher.
+    pub fn qos(&self) -> policies::Qos {
+        self.writer.qos()
     }
 
-    /// Has `listener` called with every event, by whatever thread drives.
-    pub fn set_listener(&self, listener: impl Fn(StatusEvent) + Send + Sync + 'static) {
-        self.writer.set_listener(listener);
+    /// Changes its policies, and has others learn of it: USER_DATA, DEADLINE, LATENCY_BUDGET, OWNERSHIP_STRENGTH,
+    /// LIFESPAN, TRANSPORT_PRIORITY, WRITER_DATA_LIFECYCLE and, where it has no publisher, PARTITION.
+    ///
+    /// # Errors
+    /// When a policy is among them that may not change, or that makes no sense.
+    pub fn set_qos(&self, qos: Qos) -> Result<(), SetQosError> {
+        self.writer.set_qos(qos)
+    }
+
+    /// Has others learn of the writer, where it was created not to be known yet; only then can it write.
+    pub fn enable(&self) {
+        self.writer.enable();
     }
 }

@@ -5,6 +5,7 @@
 //! sample every few microseconds: whoever pings, answers, or publishes at a rate never gets there. What waits is
 //! sent when there is enough of it, when the app does something else, or after the time [`Patience`] allows.
 
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use rtps_user::qos::{History, Qos};
@@ -31,6 +32,14 @@ pub(crate) struct Patience {
 }
 
 impl Patience {
+    /// Its samples may wait as long as any.
+    pub(crate) fn suspended(self) -> Self {
+        Self {
+            budget: LONGEST,
+            ..self
+        }
+    }
+
     /// What a writer's policies allow.
     pub(crate) fn of(qos: &Qos) -> Self {
         Self {
@@ -43,6 +52,37 @@ impl Patience {
                 History::KeepLast(depth) => depth,
                 History::KeepAll => u32::MAX,
             },
+        }
+    }
+}
+
+/// The [`Patience`] of a writer whose LATENCY_BUDGET may change.
+#[derive(Debug)]
+pub(crate) struct PatienceCell {
+    budget_nanos: AtomicU64,
+    samples: u32,
+}
+
+impl PatienceCell {
+    pub(crate) fn new(qos: &Qos) -> Self {
+        let cell = Self {
+            budget_nanos: AtomicU64::new(0),
+            samples: Patience::of(qos).samples,
+        };
+        cell.set(qos);
+        cell
+    }
+
+    pub(crate) fn set(&self, qos: &Qos) {
+        // At most LONGEST.
+        let nanos = Patience::of(qos).budget.as_nanos() as u64;
+        self.budget_nanos.store(nanos, Ordering::Relaxed);
+    }
+
+    pub(crate) fn get(&self) -> Patience {
+        Patience {
+            budget: Duration::from_nanos(self.budget_nanos.load(Ordering::Relaxed)),
+            samples: self.samples,
         }
     }
 }

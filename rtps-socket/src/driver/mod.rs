@@ -11,11 +11,13 @@
 //! Listeners and wakers are called, and dropped, by the driving thread after it let go of the lock. A listener that
 //! waits drives on in the seat of its thread.
 
+mod audience;
 mod background;
 mod batching;
 mod core;
 mod entity;
 mod external;
+mod news;
 mod outgoing;
 mod seat;
 mod spin;
@@ -30,9 +32,10 @@ use std::time::{Duration, Instant};
 use nix::sys::eventfd::{EfdFlags, EventFd};
 use nix::sys::timerfd::{ClockId, TimerFd, TimerFlags};
 
-pub(crate) use self::batching::Patience;
+pub(crate) use self::audience::{EntityListener, GroupId, Listener};
+pub(crate) use self::batching::{Patience, PatienceCell};
 pub(crate) use self::core::Core;
-pub(crate) use entity::Listener;
+pub(crate) use self::entity::{Declaration, Inherits};
 
 use self::entity::Notice;
 use self::seat::Holder;

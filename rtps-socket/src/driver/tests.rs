@@ -108,7 +108,15 @@ fn declare(driver: &Driver) -> EntityId {
             content_filter: None,
             qos: Qos::default(),
         };
-        core.declare(now, endpoint);
+        core.declare(
+            now,
+            Declaration {
+                endpoint,
+                group: None,
+                inherits: Inherits::default(),
+                is_enabled: true,
+            },
+        );
         guid.entity
     })
 }

@@ -12,8 +12,13 @@ use rtps_user::wire::{Guid, KeyHash};
 
 use super::endpoint::{EndpointHandle, deadline};
 use crate::driver::Core;
-use crate::error::WaitError;
-use crate::status::StatusEvent;
+use crate::error::{SetQosError, WaitError};
+use crate::qos::{Qos, policies};
+use crate::status::{
+    DeadlineMissedStatus, IncompatibleQosStatus, InconsistentTopicStatus, LivelinessChangedStatus,
+    MatchedStatus, SampleLostStatus, SampleRejectedStatus, StatusEvent, StatusKind, StatusMask,
+    Statuses,
+};
 
 /// A reader. Dropped, it is withdrawn.
 pub struct RawReader {
@@ -178,14 +183,87 @@ impl RawReader {
         self.endpoint.wait_for_matched(count, timeout)
     }
 
-    /// What has happened since the last call, up to the newest 256 events; nothing where there is a listener.
+    /// Its policies, with those of its subscriber.
+    pub fn qos(&self) -> policies::Qos {
+        self.endpoint.qos()
+    }
+
+    /// Changes its policies, and has others learn of it.
+    ///
+    /// # Errors
+    /// When a policy is among them that may not change, or that makes no sense.
+    pub fn set_qos(&self, qos: Qos) -> Result<(), SetQosError> {
+        let inherits = qos.inherits();
+        self.endpoint.set_qos(inherits, qos.into_reader())?;
+        Ok(())
+    }
+
+    /// Has others learn of the reader, where it was created not to be known yet.
+    pub fn enable(&self) {
+        self.endpoint.enable();
+    }
+
+    /// What has happened since the last call, up to the newest 256 events; nothing that a listener was told.
     pub fn status_events(&self) -> Vec<StatusEvent> {
         self.endpoint.status_events()
     }
 
-    /// Has `listener` called with every event, by whatever thread drives.
+    /// Has `listener` called with every event but the arrival of samples, by whatever thread drives.
     pub fn set_listener(&self, listener: impl Fn(StatusEvent) + Send + Sync + 'static) {
-        self.endpoint.set_listener(Arc::new(listener));
+        self.set_listener_for(StatusMask::WITHOUT_DATA, listener);
+    }
+
+    /// Has `listener` called with the events that `mask` holds; others go to the listeners of subscriber and
+    /// participant.
+    pub fn set_listener_for(
+        &self,
+        mask: StatusMask,
+        listener: impl Fn(StatusEvent) + Send + Sync + 'static,
+    ) {
+        self.endpoint.set_listener(mask, Arc::new(listener));
+    }
+
+    /// The statuses that have changed since they were last asked for.
+    pub fn status_changes(&self) -> StatusMask {
+        self.endpoint.status(|statuses| statuses.changed())
+    }
+
+    /// SUBSCRIPTION_MATCHED.
+    pub fn subscription_matched_status(&self) -> MatchedStatus {
+        self.endpoint
+            .status(|statuses| statuses.matched(StatusKind::SubscriptionMatched))
+    }
+
+    /// REQUESTED_INCOMPATIBLE_QOS.
+    pub fn requested_incompatible_qos_status(&self) -> IncompatibleQosStatus {
+        self.endpoint
+            .status(|statuses| statuses.incompatible(StatusKind::RequestedIncompatibleQos))
+    }
+
+    /// REQUESTED_DEADLINE_MISSED.
+    pub fn requested_deadline_missed_status(&self) -> DeadlineMissedStatus {
+        self.endpoint
+            .status(|statuses| statuses.deadline(StatusKind::RequestedDeadlineMissed))
+    }
+
+    /// LIVELINESS_CHANGED.
+    pub fn liveliness_changed_status(&self) -> LivelinessChangedStatus {
+        self.endpoint.status(Statuses::liveliness)
+    }
+
+    /// SAMPLE_LOST.
+    pub fn sample_lost_status(&self) -> SampleLostStatus {
+        self.endpoint.status(Statuses::lost)
+    }
+
+    /// SAMPLE_REJECTED.
+    pub fn sample_rejected_status(&self) -> SampleRejectedStatus {
+        self.endpoint.status(Statuses::rejected)
+    }
+
+    /// INCONSISTENT_TOPIC, as far as this reader is concerned.
+    pub fn inconsistent_topic_status(&self) -> InconsistentTopicStatus {
+        self.endpoint.status(Statuses::inconsistent)
     }
 
     /// Reports what the typed API finds out.

@@ -4,6 +4,7 @@
 mod dcps;
 mod driving;
 mod event_loop;
+mod groups;
 mod instances;
 mod processes;
 mod streaming;
