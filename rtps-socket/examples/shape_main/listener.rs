@@ -1,73 +1,109 @@
 //! The lines that tell of communication statuses.
 
-use rtps_socket::StatusEvent;
 use rtps_socket::qos::PolicyId;
+use rtps_socket::{DomainParticipant, EntityEvent, StatusEvent, StatusMask};
 
 use crate::output::Printer;
 
-/// A listener that prints.
-pub(crate) fn printing(
-    topic: &str,
-    type_name: &'static str,
-    printer: &Printer,
-) -> impl Fn(StatusEvent) + Send + Sync + 'static {
-    let (topic, printer) = (topic.to_owned(), printer.clone());
-    move |event| {
-        if let Some(line) = line(&event, &topic, type_name) {
+/// Has all that happens to the participant's writers and readers printed from now on.
+pub(crate) fn listen(participant: &DomainParticipant, printer: &Printer) {
+    let printer = printer.clone();
+    participant.set_listener(StatusMask::WITHOUT_DATA, move |event| {
+        if let Some(line) = line(&event) {
             printer.print(line);
         }
-    }
+    });
 }
 
-/// The line of an event of an endpoint; none for what is told nobody.
-fn line(event: &StatusEvent, topic: &str, type_name: &str) -> Option<String> {
-    let (callback, what) = match event {
-        StatusEvent::InconsistentTopic { .. } => ("on_inconsistent_topic", String::new()),
+/// The line of an event; none for what is told nobody.
+fn line(event: &EntityEvent) -> Option<String> {
+    let EntityEvent {
+        topic, type_name, ..
+    } = event;
+    let (callback, what) = describe(&event.event)?;
+    Some(format!(
+        "on_{callback}() topic: '{topic}'  type: '{type_name}'{what}"
+    ))
+}
+
+/// The callback and what it is told.
+fn describe(event: &StatusEvent) -> Option<(&'static str, String)> {
+    let described = match event {
+        StatusEvent::InconsistentTopic { .. } => ("inconsistent_topic", String::new()),
         StatusEvent::OfferedIncompatibleQos { policy, .. } => {
-            ("on_offered_incompatible_qos", policy_of(*policy))
+            ("offered_incompatible_qos", policy_of(*policy))
         }
         StatusEvent::RequestedIncompatibleQos { policy, .. } => {
-            ("on_requested_incompatible_qos", policy_of(*policy))
+            ("requested_incompatible_qos", policy_of(*policy))
         }
         StatusEvent::PublicationMatched {
             current, change, ..
         } => (
-            "on_publication_matched",
+            "publication_matched",
             format!(" : matched readers {current} (change = {change})"),
         ),
         StatusEvent::SubscriptionMatched {
             current, change, ..
         } => (
-            "on_subscription_matched",
+            "subscription_matched",
             format!(" : matched writers {current} (change = {change})"),
         ),
+        StatusEvent::OfferedDeadlineMissed { total, .. } => {
+            ("offered_deadline_missed", one_of(*total))
+        }
+        StatusEvent::RequestedDeadlineMissed { total, .. } => {
+            ("requested_deadline_missed", one_of(*total))
+        }
+        StatusEvent::LivelinessLost { total } => ("liveliness_lost", one_of(*total)),
         StatusEvent::LivelinessChanged {
             alive, not_alive, ..
         } => (
-            "on_liveliness_changed",
+            "liveliness_changed",
             format!(" : (alive = {alive}, not_alive = {not_alive})"),
         ),
-        StatusEvent::LivelinessLost => ("on_liveliness_lost", missed(1, 1)),
-        StatusEvent::DeadlineMissed { .. } => ("on_requested_deadline_missed", missed(1, 1)),
         _ => return None,
     };
-    Some(format!(
-        "{callback}() topic: '{topic}'  type: '{type_name}'{what}"
-    ))
+    Some(described)
 }
 
-fn missed(total: u64, change: u64) -> String {
-    format!(" : (total = {total}, change = {change})")
+/// Events come one by one.
+fn one_of(total: u64) -> String {
+    format!(" : (total = {total}, change = 1)")
 }
 
 fn policy_of(policy: PolicyId) -> String {
-    format!(" : {} ({})", policy as u32, policy_name(policy))
-}
-
-/// As the vendors spell it.
-fn policy_name(policy: PolicyId) -> String {
-    match policy {
+    let name = match policy {
         PolicyId::TypeConsistency => "TYPE_CONSISTENCY_ENFORCEMENT".to_owned(),
         other => format!("{other:?}").to_uppercase(),
+    };
+    format!(" : {} ({name})", policy as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn policies_have_the_names_of_the_vendors() {
+        let policies = [
+            PolicyId::Reliability,
+            PolicyId::DataRepresentation,
+            PolicyId::TypeConsistency,
+        ];
+        let names = policies.map(policy_of);
+        let expected = [
+            " : 11 (RELIABILITY)",
+            " : 23 (DATAREPRESENTATION)",
+            " : 24 (TYPE_CONSISTENCY_ENFORCEMENT)",
+        ];
+        assert_eq!(names, expected);
+    }
+
+    #[test]
+    fn totals_are_told() {
+        let (callback, what) = describe(&StatusEvent::LivelinessLost { total: 3 }).unwrap();
+        assert_eq!(callback, "liveliness_lost");
+        assert_eq!(what, " : (total = 3, change = 1)");
+        assert_eq!(describe(&StatusEvent::DataAvailable), None);
     }
 }

@@ -92,6 +92,7 @@ fn start(options: &Options, warnings: Vec<String>) -> Result<ExitCode, Failure> 
 
 fn run(options: &Options, interrupt: &Interrupt, printer: &Printer) -> Result<(), Failure> {
     let participant = DomainParticipant::builder().domain(options.domain).open()?;
+    listener::listen(&participant, printer);
     if options.is_verbose {
         printer.print(format!("layer: {:?}", participant.socket().layer()));
     }

@@ -9,7 +9,7 @@ use crate::interrupt::Interrupt;
 use crate::options::{FinalState, Options, numbered};
 use crate::output::Printer;
 use crate::shape::{Motion, ShapeType};
-use crate::{listener, qos, report};
+use crate::{qos, report};
 
 /// How long each writer waits for its readers at the end.
 const FAREWELL: Duration = Duration::from_secs(1);
@@ -45,7 +45,7 @@ impl<'a> ShapePublisher<'a> {
         let writers = topics.iter().map(|topic| {
             let name = topic.name();
             printer.print(format!("Create writer for topic: {name} color: {color}"));
-            TopicWriter::new(&publisher, topic, options, printer)
+            TopicWriter::new(&publisher, topic, options)
         });
         Ok(Self {
             writers: writers.collect::<Result<_, _>>()?,
@@ -110,6 +110,7 @@ impl<'a> ShapePublisher<'a> {
             .is_some_and(|(place, _)| place == 0)
         {
             self.printer.print("Started Coherent Set");
+            self.publisher.begin_coherent_changes();
         }
     }
 
@@ -118,6 +119,7 @@ impl<'a> ShapePublisher<'a> {
         let place = self.place_in_set(iteration);
         if place.is_some_and(|(place, iterations)| place + 1 == iterations) {
             self.printer.print("Finished Coherent Set");
+            self.publisher.end_coherent_changes();
         }
     }
 
@@ -165,13 +167,10 @@ impl TopicWriter {
         publisher: &Publisher,
         topic: &Topic<ShapeType>,
         options: &Options,
-        printer: &Printer,
     ) -> Result<Self, CreateError> {
-        let writer = publisher.create_writer(topic, qos::writer(options))?;
-        writer.set_listener(listener::printing(topic.name(), topic.type_name(), printer));
         Ok(Self {
             topic: topic.name().to_owned(),
-            writer,
+            writer: publisher.create_writer(topic, qos::writer(options))?,
         })
     }
 }

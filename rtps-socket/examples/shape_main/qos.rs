@@ -2,6 +2,7 @@
 //! RELIABILITY, which is RELIABLE on both sides.
 
 use rtps_socket::Qos;
+use rtps_socket::qos::History;
 
 use crate::options::{FinalState, Options};
 
@@ -30,14 +31,11 @@ pub(crate) fn writer(options: &Options) -> Qos {
     if let Some(lifespan) = options.qos.lifespan {
         qos = qos.lifespan(lifespan);
     }
-    let only_unregisters = options.publisher.final_state == Some(FinalState::Unregistered);
-    qos.with(|policies| {
-        if only_unregisters {
-            policies
-                .writer_data_lifecycle
-                .autodispose_unregistered_instances = false;
-        }
-    })
+    match options.publisher.final_state {
+        // They end as unregistered, not as disposed.
+        Some(FinalState::Unregistered) => qos.autodispose_unregistered_instances(false),
+        Some(FinalState::Disposed) | None => qos,
+    }
 }
 
 /// Of the DataReaders.
@@ -47,13 +45,12 @@ pub(crate) fn reader(options: &Options) -> Qos {
         qos = qos.exclusive_ownership(0);
     }
     if let Some(separation) = options.qos.minimum_separation {
-        let separation = rtps_user::wire::Duration::from_std(separation);
-        qos = qos.with(|policies| policies.time_based_filter.0 = separation);
+        qos = qos.time_based_filter(separation);
     }
     qos
 }
 
-/// What both sides agree on.
+/// What both sides have to agree on.
 fn endpoint(options: &Options) -> Qos {
     let asked = &options.qos;
     let mut qos = match asked.is_reliable {
@@ -64,13 +61,13 @@ fn endpoint(options: &Options) -> Qos {
         true => qos.xcdr2(),
         false => qos.xcdr1(),
     };
+    qos = match asked.history {
+        None => qos,
+        Some(History::KeepAll) => qos.keep_all(),
+        Some(History::KeepLast(depth)) => qos.keep_last(depth),
+    };
     if let Some(period) = asked.deadline {
         qos = qos.deadline(period);
     }
-    qos.with(|policies| {
-        policies.durability = asked.durability;
-        if let Some(history) = asked.history {
-            policies.history = history;
-        }
-    })
+    qos.durability(asked.durability)
 }

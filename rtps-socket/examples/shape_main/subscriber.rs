@@ -9,7 +9,7 @@ use crate::interrupt::Interrupt;
 use crate::options::Options;
 use crate::output::Printer;
 use crate::shape::ShapeType;
-use crate::{listener, qos, report};
+use crate::{qos, report};
 
 /// Everything that a subscriber reads with.
 pub(crate) struct ShapeSubscriber<'a> {
@@ -41,7 +41,7 @@ impl<'a> ShapeSubscriber<'a> {
         let readers = topics.iter().map(|topic| {
             let name = topic.name();
             printer.print(format!("Create reader for topic: {name}"));
-            TopicReader::new(&subscriber, topic, options, printer)
+            TopicReader::new(&subscriber, topic, options)
         });
         Ok(Self {
             readers: readers.collect::<Result<_, _>>()?,
@@ -57,9 +57,12 @@ impl<'a> ShapeSubscriber<'a> {
         let mut iteration = 0;
         while !self.interrupt.is_raised() {
             self.announce(iteration);
+            let access = self.options.has_presentation();
+            let access = access.then(|| self.subscriber.begin_access());
             for reader in &mut self.readers {
                 reader.access(self.options, self.printer);
             }
+            drop(access);
             iteration += 1;
             if self.options.iterations == Some(iteration) {
                 break;
@@ -85,13 +88,10 @@ impl TopicReader {
         subscriber: &Subscriber,
         topic: &Topic<ShapeType>,
         options: &Options,
-        printer: &Printer,
     ) -> Result<Self, CreateError> {
-        let reader = subscriber.create_reader(topic, qos::reader(options))?;
-        reader.set_listener(listener::printing(topic.name(), topic.type_name(), printer));
         Ok(Self {
             name: topic.name().to_owned(),
-            reader,
+            reader: subscriber.create_reader(topic, qos::reader(options))?,
             colors: HashMap::new(),
         })
     }

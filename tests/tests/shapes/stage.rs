@@ -71,10 +71,6 @@ impl Ends<'_> {
         spawn(command)
     }
 
-    /// A subscriber on the publishers' host.
-    pub(crate) fn near_subscriber(&self, arguments: &str) -> Result<Process> {
-        spawn(self.command(self.near, &format!("-S -t Square {arguments}"))?)
-    }
 
     /// The program with arguments separated by spaces, without rights, on the first host.
     pub(crate) fn near_command(&self, arguments: &str) -> Result<Command> {
