@@ -102,7 +102,7 @@ impl Layout {
         InlineQos {
             key_hash: (entity.has_key() && is_needed).then_some(change.instance),
             status: change.kind.status_info(),
-            coherent_set: None,
+            ..InlineQos::default()
         }
     }
 

@@ -126,7 +126,7 @@ impl Bench {
         let inline_qos = InlineQos {
             key_hash: Some(instance),
             status,
-            coherent_set: None,
+            ..InlineQos::default()
         };
         self.submit(sequence, inline_qos, kind, payload);
     }

@@ -3,7 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use crate::wire::{
-    Cursor, Parameter, ParameterId, ParameterList, ParameterWriter, SequenceNumber, WireError,
+    Cursor, Duration, Parameter, ParameterId, ParameterList, ParameterWriter, SequenceNumber,
+    WireError,
 };
 
 /// The 16 bytes that name an instance (RTPS 9.6.4.8): its big-endian key, zero-padded, or the MD5 of it.
@@ -49,8 +50,15 @@ pub struct InlineQos {
     pub key_hash: Option<KeyHash>,
     /// PID_STATUS_INFO; absent means an ordinary sample.
     pub status: StatusInfo,
-    /// PID_COHERENT_SET: the first change of the set that this change belongs to.
+    /// PID_COHERENT_SET: the first change of the set that this change belongs to, or SEQUENCENUMBER_UNKNOWN where it
+    /// only ends the set before it.
     pub coherent_set: Option<SequenceNumber>,
+    /// PID_GROUP_SEQ_NUM: the number of the change among all of its publisher.
+    pub group_sequence: Option<SequenceNumber>,
+    /// PID_GROUP_COHERENT_SET: the group sequence number of the first change of the publisher's set.
+    pub group_coherent_set: Option<SequenceNumber>,
+    /// PID_LIFESPAN, where it is another than the writer's.
+    pub lifespan: Option<Duration>,
 }
 
 impl InlineQos {
@@ -74,6 +82,13 @@ impl InlineQos {
                 ParameterId::COHERENT_SET => {
                     qos.coherent_set = Some(SequenceNumber::decode(&mut value)?)
                 }
+                ParameterId::GROUP_SEQ_NUM => {
+                    qos.group_sequence = Some(SequenceNumber::decode(&mut value)?)
+                }
+                ParameterId::GROUP_COHERENT_SET => {
+                    qos.group_coherent_set = Some(SequenceNumber::decode(&mut value)?)
+                }
+                ParameterId::LIFESPAN => qos.lifespan = Some(Duration::decode(&mut value)?),
                 _ => {}
             }
         }
@@ -93,8 +108,18 @@ impl InlineQos {
                 value.extend_from_slice(&[0, 0, 0, self.status.octet()])
             });
         }
-        if let Some(first) = self.coherent_set {
-            list.parameter(ParameterId::COHERENT_SET, |value| first.encode(value));
+        let numbers = [
+            (ParameterId::COHERENT_SET, self.coherent_set),
+            (ParameterId::GROUP_SEQ_NUM, self.group_sequence),
+            (ParameterId::GROUP_COHERENT_SET, self.group_coherent_set),
+        ];
+        for (id, number) in numbers {
+            if let Some(number) = number {
+                list.parameter(id, |value| number.encode(value));
+            }
+        }
+        if let Some(lifespan) = self.lifespan {
+            list.parameter(ParameterId::LIFESPAN, |value| lifespan.encode(value));
         }
         list.finish();
     }
