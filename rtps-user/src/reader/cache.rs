@@ -12,6 +12,7 @@ use super::deadline::Deadlines;
 use super::entries::{Entries, Entry, List};
 use super::events::Events;
 use super::instance::Instance;
+use super::timers::Timers;
 use super::{InstanceState, ReaderEvent, RejectedReason};
 use crate::qos::{History, Qos};
 use crate::table::Table;
@@ -39,6 +40,8 @@ pub(super) struct Cache {
     /// Instances that may be forgotten when there is no room for others, oldest first.
     idle: VecDeque<KeyHash>,
     deadlines: Deadlines,
+    /// When samples expire, by their places (LIFESPAN).
+    expiries: Timers<u32>,
     valid_count: usize,
     pub(super) unread_count: usize,
     /// Room for the places of the samples that are being handed out; empty in between.
@@ -80,6 +83,7 @@ impl Cache {
             instances: Table::default(),
             idle: VecDeque::new(),
             deadlines,
+            expiries: Timers::default(),
             valid_count: 0,
             unread_count: 0,
             chosen: Vec::new(),
@@ -189,8 +193,31 @@ impl Cache {
         }
     }
 
+    /// Does what is due: reports missed deadlines and drops what is worth nothing any more.
+    pub(super) fn handle_timeout(&mut self, now: Instant, events: &mut Events) {
+        self.check_deadlines(now, events);
+        self.drop_expired(now);
+    }
+
+    /// When [`handle_timeout`](Self::handle_timeout) has something to do.
+    pub(super) fn poll_timeout(&self) -> Option<Instant> {
+        [self.deadlines.next(), self.expiries.next()]
+            .into_iter()
+            .flatten()
+            .min()
+    }
+
+    /// LIFESPAN (DDS 1.4 section 2.2.3.16): samples that are over go, read or not.
+    fn drop_expired(&mut self, now: Instant) {
+        while let Some(place) = self.expiries.pop(now) {
+            let instance = self.entries.get(place).instance;
+            self.remove(place);
+            self.review(instance);
+        }
+    }
+
     /// Reports instances whose deadline has passed without data.
-    pub(super) fn check_deadlines(&mut self, now: Instant, events: &mut Events) {
+    fn check_deadlines(&mut self, now: Instant, events: &mut Events) {
         while let Some(key) = self.deadlines.pop(now) {
             let Some(place) = self.instances.find(key) else {
                 continue;
@@ -210,10 +237,6 @@ impl Cache {
         }
     }
 
-    pub(super) fn next_deadline(&self) -> Option<Instant> {
-        self.deadlines.next()
-    }
-
     /// The samples of an instance, oldest first.
     pub(super) fn samples_of(&self, key: KeyHash) -> List {
         self.instances
@@ -231,6 +254,9 @@ impl Cache {
         }
         if !entry.read {
             self.unread_count -= 1;
+        }
+        if entry.expiry.is_some() {
+            self.expiries.cancel(place);
         }
         Some(entry)
     }
@@ -291,11 +317,15 @@ impl Cache {
             sequence: change.sequence,
             timestamp: change.timestamp,
             reception: change.reception,
+            expiry: change.expiry,
             disposed_generation: instance.disposed_generation,
             no_writers_generation: instance.no_writers_generation,
             instance: place,
         };
-        self.entries.push(&mut instance.samples, entry);
+        let place = self.entries.push(&mut instance.samples, entry);
+        if let Some(at) = change.expiry {
+            self.expiries.set(place, at);
+        }
     }
 
     /// Adds a sample without data, in place of one that would stand right before it.

@@ -19,6 +19,7 @@ pub(super) struct Entry {
     pub(super) sequence: SequenceNumber,
     pub(super) timestamp: Option<Timestamp>,
     pub(super) reception: Instant,
+    pub(super) expiry: Option<Instant>,
     pub(super) disposed_generation: u32,
     pub(super) no_writers_generation: u32,
     /// Where its instance is.
@@ -116,8 +117,8 @@ impl Entries {
         (next != NONE).then_some(next)
     }
 
-    /// Adds an entry as the newest of all and of its instance.
-    pub(super) fn push(&mut self, siblings: &mut List, entry: Entry) {
+    /// Adds an entry as the newest of all and of its instance; returns its place.
+    pub(super) fn push(&mut self, siblings: &mut List, entry: Entry) -> u32 {
         let unlinked = Links {
             previous: NONE,
             next: NONE,
@@ -131,6 +132,7 @@ impl Entries {
         self.link(&mut arrival, place, |node| &mut node.arrival);
         self.arrival = arrival;
         self.link(siblings, place, |node| &mut node.sibling);
+        place
     }
 
     /// Removes an entry.

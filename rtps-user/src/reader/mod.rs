@@ -299,7 +299,8 @@ impl Reader {
         }
     }
 
-    /// Does what is due but needs no datagram: leases and deadlines.
+    /// Does what is due but needs no datagram: leases, deadlines, and what becomes of samples as time passes. Samples
+    /// are up to date after that, so it comes before they are read or taken.
     pub fn handle_timeout(&mut self, now: Instant) {
         while let Some(writer) = self.watch.pop(now) {
             let Some(proxy) = self.proxies.get_mut(writer) else {
@@ -312,7 +313,11 @@ impl Reader {
                 self.cache.writer_gone(now, writer, &mut self.events);
             }
         }
-        self.cache.check_deadlines(now, &mut self.events);
+        self.cache.handle_timeout(now, &mut self.events);
+        if !self.blocked.is_empty() {
+            self.now = Some(now);
+            self.release();
+        }
     }
 
     /// When to call [`handle_timeout`](Self::handle_timeout) and [`poll_transmit`](Self::poll_transmit) at the
@@ -321,7 +326,7 @@ impl Reader {
         [
             self.messages.next(),
             self.watch.next(),
-            self.cache.next_deadline(),
+            self.cache.poll_timeout(),
         ]
         .into_iter()
         .flatten()

@@ -4,6 +4,7 @@ mod acknack;
 mod best_effort;
 mod cache;
 mod fragments;
+mod lifespan;
 mod liveliness;
 mod random;
 mod reliable;
