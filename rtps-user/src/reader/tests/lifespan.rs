@@ -4,10 +4,6 @@ use super::*;
 use crate::qos::{Lifespan, ResourceLimits};
 use crate::wire;
 
-fn millis(millis: u64) -> wire::Duration {
-    wire::Duration::from_std(Duration::from_millis(millis))
-}
-
 fn short_lived() -> Qos {
     Qos {
         lifespan: Lifespan(millis(100)),
