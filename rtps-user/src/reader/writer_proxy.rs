@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use super::acknack::Responder;
 use super::cache::Cache;
@@ -37,6 +37,7 @@ pub(super) struct WriterProxy {
     /// Where its answers go.
     pub(super) destinations: Option<Arc<[SocketAddr]>>,
     pub(super) lease: Lease,
+    lifespan: Option<Duration>,
     pub(super) reassembly: Reassembly,
     pub(super) responder: Responder,
     pub(super) filter: HeartbeatFilter,
@@ -71,6 +72,7 @@ impl WriterProxy {
             guid: remote.guid,
             destinations: destinations(remote),
             lease: Lease::new(now, remote.qos.liveliness),
+            lifespan: remote.qos.lifespan.0.to_std(),
             reassembly: Reassembly::new(config.max_sample_size, reliable),
             responder: Responder::default(),
             filter: HeartbeatFilter::default(),
@@ -96,6 +98,7 @@ impl WriterProxy {
     pub(super) fn update(&mut self, remote: &RemoteEndpoint) {
         self.destinations = destinations(remote);
         self.lease.update(remote.qos.liveliness);
+        self.lifespan = remote.qos.lifespan.0.to_std();
     }
 
     /// Goes on at `next`, with ACKNACKs counted from `count`; 1 or less is no progress to go on from.
@@ -206,7 +209,7 @@ impl WriterProxy {
         self.note_size(payload.as_slice().len());
         match arrival.meaning(config, payload.as_slice()) {
             Meaning::Update(instance) => {
-                let change = arrival.to_change(instance, payload.into_bytes());
+                let change = arrival.to_change(instance, payload.into_bytes(), self.lifespan);
                 self.accept(change, cache, events);
             }
             Meaning::Irrelevant => self.skip(arrival.sequence, cache, events),
