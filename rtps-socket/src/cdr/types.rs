@@ -173,6 +173,13 @@ pub trait DdsType: CdrType {
     const EXTENSIBILITY: Extensibility;
     /// Whether the topic has instances.
     const HAS_KEY: bool;
+
+    /// The type's TypeInformation (XTypes 7.6.3.2.1) as its endpoints announce it: little endian, in
+    /// XCDR2. Empty where the type does not describe itself; it is then matched by its name alone.
+    #[must_use]
+    fn type_information() -> Vec<u8> {
+        Vec::new()
+    }
 }
 
 /// [`CdrType::MIN_SIZE`] of a struct whose members take at least `members` bytes together.
