@@ -255,7 +255,7 @@ mod tests {
                     disposed: true,
                     ..StatusInfo::default()
                 },
-                coherent_set: None,
+                ..InlineQos::default()
             },
             kind,
             payload,

@@ -4,10 +4,13 @@
 //! and to no reader in particular (`live.rs`). What only one reader needs, repairs above all, goes to that reader
 //! alone (`directed.rs`), unless others wait for the same (`shared.rs`). HEARTBEATs travel with all of them.
 
+mod coherent;
 mod config;
 mod count;
 mod directed;
+mod group;
 mod heartbeat;
+mod interest;
 mod live;
 mod liveliness;
 mod outbox;
@@ -17,6 +20,7 @@ mod publication;
 mod reader_proxy;
 mod requests;
 mod retention;
+mod selection;
 mod shared;
 mod suppression;
 #[cfg(test)]
@@ -29,8 +33,10 @@ use std::sync::Arc;
 use std::time::Instant;
 
 pub use config::{WriteError, WriterConfig, WriterEvent, WriterTiming};
+pub use group::Group;
 pub use publication::Publication;
 
+use coherent::CoherentSets;
 use heartbeat::Heartbeats;
 use live::Live;
 use liveliness::Lease;
@@ -38,12 +44,16 @@ use packet::{Layout, Packet};
 use position::Position;
 use publication::Publisher;
 use reader_proxy::{Base, ReaderProxy};
+use selection::Selection;
 use window::Window;
 
 use crate::history::{HistoryCache, NewChange};
 use crate::qos::{Durability, LivelinessKind, Qos};
-use crate::wire::{AckNack, Guid, NackFrag, SequenceNumber};
+use crate::wire::{AckNack, Guid, NackFrag, PayloadKind, SequenceNumber};
 use crate::{RemoteEndpoint, Transmit};
+
+/// Whether a payload passes a reader's content filter.
+pub type PayloadFilter = Arc<dyn Fn(PayloadKind, &[u8]) -> bool + Send + Sync>;
 
 /// A writer, its history and its proxies of matched readers.
 #[derive(Debug)]
@@ -62,6 +72,8 @@ pub struct Writer {
     /// Changes from here on count in the window; `None` without reliable readers.
     window_base: Option<SequenceNumber>,
     heartbeats: Heartbeats,
+    sets: CoherentSets,
+    selection: Selection,
     lease: Lease,
     /// Readers that are to be sent something of their own.
     queue: VecDeque<Guid>,
@@ -87,7 +99,7 @@ impl Writer {
     /// A writer without readers.
     pub fn new(config: WriterConfig) -> Self {
         Self {
-            layout: Layout::new(config.guid, config.datagram_size),
+            layout: Layout::new(config.guid, config.datagram_size, &config.qos),
             heartbeats: Heartbeats::new(config.timing.count_clock),
             window: Window::new(&config.timing),
             window_base: None,
@@ -98,6 +110,8 @@ impl Writer {
             readers: BTreeMap::new(),
             destinations: Arc::new([]),
             lowest_acknowledged: None,
+            sets: CoherentSets::default(),
+            selection: Selection::default(),
             lease: Lease::default(),
             queue: VecDeque::new(),
             may_share: false,
@@ -137,18 +151,20 @@ impl Writer {
     /// # Errors
     /// Where the history has no room for it.
     pub fn write(&mut self, now: Instant, change: NewChange) -> Result<SequenceNumber, WriteError> {
-        self.make_room(&change)?;
-        self.last = self.last.next();
-        self.note_unregistration(change.kind, self.last);
-        if self.keeps_past() || !self.readers.is_empty() {
-            self.history.insert(self.last, change);
-        }
-        if self.readers.is_empty() {
-            self.live.skip_to(self.last.next());
-            self.release();
-        }
-        self.lease.renew(now, self.config.qos.liveliness);
-        Ok(self.last)
+        self.write_as_member(now, change, None)
+    }
+
+    /// As [`write`](Self::write) for a writer of a publisher, whose group it is.
+    ///
+    /// # Errors
+    /// Where the history has no room for it; the group stays as it was.
+    pub fn write_in_group(
+        &mut self,
+        now: Instant,
+        change: NewChange,
+        group: &mut Group,
+    ) -> Result<SequenceNumber, WriteError> {
+        self.write_as_member(now, change, Some(group))
     }
 
     /// Takes a change out of the history; reliable readers that lack it are told that it will not come.
@@ -287,6 +303,32 @@ impl Writer {
         std::mem::take(&mut self.events.liveliness_lost).then_some(WriterEvent::LivelinessLost)
     }
 
+    fn write_as_member(
+        &mut self,
+        now: Instant,
+        change: NewChange,
+        group: Option<&mut Group>,
+    ) -> Result<SequenceNumber, WriteError> {
+        self.make_room(&change)?;
+        let membership = self.next_membership(group);
+        self.last = self.last.next();
+        self.note_unregistration(change.kind, self.last);
+        if self.keeps_past() || !self.readers.is_empty() {
+            self.history.insert_member(self.last, change, membership);
+        }
+        self.skip_without_readers();
+        self.lease.renew(now, self.config.qos.liveliness);
+        Ok(self.last)
+    }
+
+    /// Without readers, what has been written counts as sent.
+    fn skip_without_readers(&mut self) {
+        if self.readers.is_empty() {
+            self.live.skip_to(self.last.next());
+            self.release();
+        }
+    }
+
     fn add_reader(&mut self, now: Instant, remote: &RemoteEndpoint) {
         let is_reliable =
             self.config.qos.reliability.is_reliable() && remote.qos.reliability.is_reliable();
@@ -353,6 +395,7 @@ impl Writer {
             .flat_map(ReaderProxy::addresses)
             .collect();
         self.destinations = addresses.into_iter().collect();
+        self.refresh_selection();
         self.refresh_acknowledged();
     }
 

@@ -3,7 +3,7 @@
 
 use super::heartbeat::Sent;
 use super::{WriteError, Writer};
-use crate::history::{ChangeKind, Instance, NewChange};
+use crate::history::{CacheChange, ChangeKind, Instance, NewChange};
 use crate::qos::{Durability, History};
 use crate::wire::{KeyHash, SequenceNumber};
 
@@ -32,8 +32,8 @@ impl Writer {
             }
             (History::KeepAll, _) => {}
         }
-        if is_reached(self.history.len(), limits.max_samples) {
-            self.give_up(self.history.first())?;
+        if is_reached(self.history.samples(), limits.max_samples) {
+            self.give_up_oldest()?;
         }
         Ok(())
     }
@@ -48,6 +48,7 @@ impl Writer {
         let done = self.done();
         if self.keeps_past() {
             self.release_unregistered(done);
+            self.drop_set_ends(done);
         } else {
             while self.history.pop_through(done).is_some() {}
         }
@@ -82,7 +83,10 @@ impl Writer {
 
     /// The last change that has been sent and that all reliable readers have acknowledged.
     fn done(&self) -> SequenceNumber {
-        self.acknowledged().min(self.live.end().previous())
+        let live = self.live.end();
+        let unsent = self.selection.unsent_from();
+        let unsent = unsent.map_or(live, |unsent| unsent.min(live));
+        self.acknowledged().min(unsent.previous())
     }
 
     fn replace_in(&mut self, instance: KeyHash, depth: u32) {
@@ -91,6 +95,21 @@ impl Writer {
         {
             self.history.remove(oldest);
         }
+    }
+
+    /// As [`give_up`](Self::give_up), for the oldest change that counts.
+    fn give_up_oldest(&mut self) -> Result<(), WriteError> {
+        let mut oldest = self.history.first();
+        while let Some(sequence) = oldest
+            && self
+                .history
+                .get(sequence)
+                .is_some_and(CacheChange::ends_set)
+        {
+            let next = self.history.next_from(sequence.next());
+            oldest = next.map(|(next, _)| next);
+        }
+        self.give_up(oldest)
     }
 
     /// Drops a change that all have, though late joiners might still want it.

@@ -126,7 +126,7 @@ impl Bench {
         let inline_qos = InlineQos {
             key_hash: Some(instance),
             status,
-            coherent_set: None,
+            ..InlineQos::default()
         };
         self.submit(sequence, inline_qos, kind, payload);
     }
@@ -170,6 +170,7 @@ impl Bench {
             count,
             is_final,
             liveliness: false,
+            group: None,
         };
         self.reader
             .handle_heartbeat(self.now, self.writer, &heartbeat);
