@@ -15,6 +15,7 @@ pub mod cdr;
 mod dcps;
 mod driver;
 pub mod error;
+pub mod filter;
 mod link;
 pub mod qos;
 mod socket;

@@ -8,6 +8,7 @@
 mod count;
 pub mod discovery;
 pub mod endpoints;
+pub mod filter;
 pub mod history;
 pub mod ipv6;
 pub mod layer;
