@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::pin::Pin;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::task::{Context, Poll};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use bytes::Bytes;
 use futures_core::Stream;
@@ -66,9 +66,9 @@ impl<T: DdsType> DataReader<T> {
     /// Takes the next sample, waiting for it up to `timeout`; `None` when none has come. A wait without end ends where the
     /// layer is lost, of which [`StatusEvent::LayerLost`] tells.
     pub fn take_next(&self, timeout: Duration) -> Option<Sample<T>> {
-        let deadline = Instant::now().checked_add(timeout);
+        let mut limit = timeout.into();
         loop {
-            let sample = self.reader.recv_until(deadline)?;
+            let sample = self.reader.recv_within(&mut limit)?;
             if let Some(sample) = self.decode(sample) {
                 return Some(sample);
             }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::task::Waker;
 use std::time::{Duration, Instant, SystemTime};
 
+use rtps_user::OwnKeys;
 use rtps_user::endpoints::{EndpointEvent, Endpoints};
 use rtps_user::layer::protocol::{Endpoint, FromLayer, ToLayer};
 use rtps_user::qos::PolicyId;
@@ -24,7 +25,7 @@ pub(crate) struct Core {
     /// Writers and readers.
     pub(crate) endpoints: Endpoints,
     link: Box<dyn Link>,
-    entities: HashMap<EntityId, Entity>,
+    entities: HashMap<EntityId, Entity, OwnKeys>,
     pub(super) seat: Seat,
     identity: Identity,
     next_serial: u16,
@@ -41,7 +42,7 @@ impl Core {
         Self {
             endpoints: Endpoints::new(identity.prefix),
             link,
-            entities: HashMap::new(),
+            entities: HashMap::default(),
             seat: Seat::default(),
             identity,
             next_serial: 1,
@@ -170,11 +171,17 @@ impl Core {
         self.link.arrivals()
     }
 
-    /// Does what is due, sends what is to be sent, and notes what has happened.
+    /// Does what is due, sends what is to be sent, and notes what has happened. Most of the time there is nothing.
     pub(crate) fn settle(&mut self, now: Instant) {
-        if self.endpoints.poll_timeout().is_some_and(|due| due <= now) {
-            self.endpoints.handle_timeout(now);
+        if self.link.has_news(now) {
+            self.settle_link(now);
         }
+        if self.batching.due().is_some() || !self.endpoints.is_settled(now) {
+            self.settle_endpoints(now);
+        }
+    }
+
+    fn settle_link(&mut self, now: Instant) {
         if self.link.poll_timeout().is_some_and(|due| due <= now) {
             self.link.handle_timeout(now);
         }
@@ -184,8 +191,18 @@ impl Core {
         if self.link.is_lost() && !self.is_lost {
             self.lose_layer(now);
         }
-        if !self.batching.is_holding(now) {
+    }
+
+    fn settle_endpoints(&mut self, now: Instant) {
+        let is_holding = self.batching.is_holding(now);
+        if !is_holding {
             self.transmit(now);
+        }
+        if self.endpoints.poll_timeout().is_some_and(|due| due <= now) {
+            self.endpoints.handle_timeout(now);
+            if !is_holding {
+                self.transmit(now);
+            }
         }
         while let Some(event) = self.endpoints.poll_event() {
             self.handle_event(event);

@@ -33,6 +33,7 @@ use nix::sys::timerfd::{ClockId, TimerFd, TimerFlags};
 pub(crate) use self::batching::Patience;
 pub(crate) use self::core::Core;
 pub(crate) use entity::Listener;
+pub(crate) use wait::Limit;
 
 use self::entity::Notice;
 use self::seat::Holder;
@@ -164,7 +165,7 @@ impl Shared {
             core.receive(now, Wakeups::default());
             let is_alone = core.seat.holder == Holder::Nobody;
             self.look_briefly(&mut core, now, is_alone);
-            core.batching.wrote(Instant::now());
+            core.batching.wrote(Instant::now);
             self.release(core);
         } else if !was_holding {
             core.seat.is_wanted |= !core.seat.is_external && core.seat.holder == Holder::Nobody;
@@ -188,8 +189,9 @@ impl Shared {
     fn release(&self, mut core: MutexGuard<'_, Core>) {
         if core.seat.is_external && core.seat.holder != Holder::Foreground {
             self.prepare_external_sleep(&mut core);
-        } else if core.seat.sleeps_beyond(core.poll_timeout())
-            || core.seat.sleeps_through(core.batching.due())
+        } else if core.seat.sleeps()
+            && (core.seat.sleeps_beyond(core.poll_timeout())
+                || core.seat.sleeps_through(core.batching.due()))
         {
             core.seat.sleeps_until = None;
             signal(&self.interrupt);
@@ -204,7 +206,9 @@ impl Shared {
             self.wake_background();
         }
         drop(core);
-        notices.into_iter().for_each(Notice::deliver);
+        if !notices.is_empty() {
+            notices.into_iter().for_each(Notice::deliver);
+        }
     }
 }
 
