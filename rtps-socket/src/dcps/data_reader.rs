@@ -2,7 +2,7 @@
 
 use std::pin::Pin;
 use std::task::{Context, Poll};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use futures_core::Stream;
 use rtps_user::wire::Guid;
@@ -35,9 +35,9 @@ impl<T: DdsType> DataReader<T> {
     /// Takes the next sample, waiting for it up to `timeout`; `None` when none has come. A wait without end ends where the
     /// layer is lost, of which [`StatusEvent::LayerLost`] tells.
     pub fn take_next(&self, timeout: Duration) -> Option<Sample<T>> {
-        let deadline = Instant::now().checked_add(timeout);
+        let mut limit = timeout.into();
         loop {
-            let sample = self.reader.recv_until(deadline)?;
+            let sample = self.reader.recv_within(&mut limit)?;
             if let Some(sample) = self.decode(sample, Form::Take) {
                 return Some(sample);
             }

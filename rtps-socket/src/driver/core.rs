@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::task::Waker;
 use std::time::{Duration, Instant, SystemTime};
 
+use rtps_user::OwnKeys;
 use rtps_user::endpoints::Endpoints;
 use rtps_user::layer::protocol::ToLayer;
 use rtps_user::qos::Qos;
@@ -25,7 +26,7 @@ pub(crate) struct Core {
     /// Writers and readers.
     pub(crate) endpoints: Endpoints,
     link: Box<dyn Link>,
-    pub(super) entities: HashMap<EntityId, Entity>,
+    pub(super) entities: HashMap<EntityId, Entity, OwnKeys>,
     pub(super) seat: Seat,
     identity: Identity,
     next_serial: u16,
@@ -43,7 +44,7 @@ impl Core {
         Self {
             endpoints: Endpoints::new(identity.prefix),
             link,
-            entities: HashMap::new(),
+            entities: HashMap::default(),
             seat: Seat::default(),
             identity,
             next_serial: 1,
@@ -225,11 +226,17 @@ impl Core {
         self.link.arrivals()
     }
 
-    /// Does what is due, sends what is to be sent, and notes what has happened.
+    /// Does what is due, sends what is to be sent, and notes what has happened. Most of the time there is nothing.
     pub(crate) fn settle(&mut self, now: Instant) {
-        if self.endpoints.poll_timeout().is_some_and(|due| due <= now) {
-            self.endpoints.handle_timeout(now);
+        if self.link.has_news(now) {
+            self.settle_link(now);
         }
+        if self.batching.due().is_some() || !self.endpoints.is_settled(now) {
+            self.settle_endpoints(now);
+        }
+    }
+
+    fn settle_link(&mut self, now: Instant) {
         if self.link.poll_timeout().is_some_and(|due| due <= now) {
             self.link.handle_timeout(now);
         }
@@ -239,8 +246,18 @@ impl Core {
         if self.link.is_lost() && !self.is_lost {
             self.lose_layer(now);
         }
-        if !self.batching.is_holding(now) {
+    }
+
+    fn settle_endpoints(&mut self, now: Instant) {
+        let is_holding = self.batching.is_holding(now);
+        if !is_holding {
             self.transmit(now);
+        }
+        if self.endpoints.poll_timeout().is_some_and(|due| due <= now) {
+            self.endpoints.handle_timeout(now);
+            if !is_holding {
+                self.transmit(now);
+            }
         }
         while let Some(event) = self.endpoints.poll_event() {
             self.handle_event(event);

@@ -61,7 +61,7 @@ impl EndpointHandle {
     ) -> Result<(), WaitError> {
         let mut matched = 0;
         self.shared()
-            .wait_until(deadline(timeout), |core, _| {
+            .wait_until(timeout, |core, _| {
                 matched = core.entity(self.id())?.matched().len();
                 if matched < wanted && core.is_lost() {
                     return Some(Err(WaitError::LayerLost));

@@ -4,14 +4,14 @@ use std::collections::HashMap;
 use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use futures_core::Stream;
 use rtps_user::reader::{InstanceOf, Reader, Sample, Selection};
 use rtps_user::wire::{Guid, KeyHash};
 
-use super::endpoint::{EndpointHandle, deadline};
-use crate::driver::Core;
+use super::endpoint::EndpointHandle;
+use crate::driver::{Core, Limit};
 use crate::error::{SetQosError, WaitError};
 use crate::qos::{Qos, policies};
 use crate::status::{
@@ -117,25 +117,23 @@ impl RawReader {
     /// Takes the next sample, waiting for it up to `timeout`. A wait without end ends where the layer is lost, of
     /// which [`StatusEvent::LayerLost`] tells.
     pub fn recv(&self, timeout: Duration) -> Option<Sample> {
-        self.recv_until(deadline(timeout))
+        self.recv_within(&mut timeout.into())
     }
 
-    pub(crate) fn recv_until(&self, deadline: Option<Instant>) -> Option<Sample> {
+    /// As [`recv`](Self::recv), one of several waits that share a limit.
+    pub(crate) fn recv_within(&self, limit: &mut Limit) -> Option<Sample> {
         let shared = self.endpoint.shared();
-        shared.wait_until(deadline, |core, _| self.take_one(core))
+        shared.wait_within(limit, |core, _| self.take_one(core))
     }
 
     /// Waits until there is a sample that has not been read; false when `timeout` passes before.
     pub fn wait(&self, timeout: Duration) -> bool {
-        let found = self
-            .endpoint
-            .shared()
-            .wait_until(deadline(timeout), |core, _| {
-                core.endpoints
-                    .reader(self.endpoint.id())?
-                    .has_data()
-                    .then_some(())
-            });
+        let found = self.endpoint.shared().wait_until(timeout, |core, _| {
+            core.endpoints
+                .reader(self.endpoint.id())?
+                .has_data()
+                .then_some(())
+        });
         found.is_some()
     }
 

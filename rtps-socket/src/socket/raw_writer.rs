@@ -158,18 +158,15 @@ impl RawWriter {
     /// # Errors
     /// When one has not after `timeout`.
     pub fn wait_for_acknowledgments(&self, timeout: Duration) -> Result<(), WaitError> {
-        let acknowledged = self
-            .endpoint
-            .shared()
-            .wait_until(deadline(timeout), |core, _| {
-                if core.is_lost() {
-                    return Some(Err(WaitError::LayerLost));
-                }
-                let writer = core.endpoints.writer(self.endpoint.id());
-                writer
-                    .is_none_or(|writer| writer.all_acknowledged())
-                    .then_some(Ok(()))
-            });
+        let acknowledged = self.endpoint.shared().wait_until(timeout, |core, _| {
+            if core.is_lost() {
+                return Some(Err(WaitError::LayerLost));
+            }
+            let writer = core.endpoints.writer(self.endpoint.id());
+            writer
+                .is_none_or(|writer| writer.all_acknowledged())
+                .then_some(Ok(()))
+        });
         acknowledged.unwrap_or(Err(WaitError::Unacknowledged))
     }
 
