@@ -146,6 +146,9 @@ impl Drop for EndpointHandle {
     fn drop(&mut self) {
         self.shared()
             .with(|core, now| core.withdraw(now, self.id()));
+        if let Some(group) = self.group.as_deref().filter(|_| self.id().is_writer()) {
+            group.refresh_writers();
+        }
     }
 }
 

@@ -10,6 +10,7 @@ mod template;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
 
+use rtps_user::qos::Presentation;
 use rtps_user::reader::{InstanceOf, ReaderConfig, ReaderTiming};
 use rtps_user::wire::{EntityKind, Guid};
 use rtps_user::writer::{WriterConfig, WriterTiming};
@@ -84,6 +85,9 @@ impl RtpsSocket {
             core.declare(now, template.into_declaration(guid.entity));
             Ok(guid)
         })?;
+        if let Some(group) = &group {
+            group.refresh_writers();
+        }
         let endpoint = EndpointHandle::new(&self.driver, guid, group);
         Ok(RawWriter::new(endpoint, &qos, is_enabled))
     }
@@ -145,8 +149,9 @@ impl RtpsSocket {
             .with(|core, _| core.set_entity_listener(None, mask, Arc::new(listener)));
     }
 
-    pub(crate) fn create_group(&self) -> Arc<Group> {
-        Arc::new(Group::new(&self.driver))
+    /// A publisher or subscriber.
+    pub(crate) fn create_group(&self, presentation: Presentation) -> Arc<Group> {
+        Arc::new(Group::new(&self.driver, presentation))
     }
 
     /// Asserts the liveliness of all writers with LIVELINESS MANUAL_BY_PARTICIPANT.
