@@ -148,7 +148,8 @@ impl Cache {
     fn is_selected(&self, place: u32, selection: &Selection) -> bool {
         let entry = self.entries.get(place);
         let instance = &self.instances[entry.instance];
-        selection.sample_states.contains(sample_state(entry))
+        entry.arrival < self.horizon
+            && selection.sample_states.contains(sample_state(entry))
             && selection.view_states.contains(instance.view)
             && selection.instance_states.contains(instance.state)
     }

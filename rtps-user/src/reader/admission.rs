@@ -89,11 +89,11 @@ impl Cache {
             .depth
             .is_some_and(|depth| instance.valid_count >= depth);
         let stamp = rules.stamp(change.timestamp, change.writer);
+        let mut samples = self.entries.siblings(instance.samples);
         is_full
-            && instance.samples.first().is_some_and(|oldest| {
-                let oldest = self.entries.get(oldest);
-                stamp < rules.stamp(oldest.timestamp, oldest.writer)
-            })
+            && samples
+                .find(|oldest| oldest.valid_data)
+                .is_some_and(|oldest| stamp < rules.stamp(oldest.timestamp, oldest.writer))
     }
 
     /// Whether there is room for one more sample of an instance.
@@ -117,7 +117,7 @@ impl Cache {
 
     fn admit_instance(&mut self, change: &Change) -> Result<Place, RejectedReason> {
         let only_unregisters = !change.valid_data && !change.status.disposed;
-        if only_unregisters {
+        if only_unregisters || (self.is_filtered && !change.valid_data) {
             return Ok(Place::Nowhere);
         }
         if change.valid_data {

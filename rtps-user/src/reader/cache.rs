@@ -4,7 +4,7 @@
 //! HISTORY and the limits count samples with data. News without data (disposed, no writers) never push data out
 //! and are never refused; at most one of them stands between two samples of an instance.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::time::Instant;
 
 use super::admission::{Limits, Place};
@@ -17,7 +17,7 @@ use super::lifecycle::Lifecycle;
 use super::ownership::Strengths;
 use super::rules::Rules;
 use super::timers::Timers;
-use super::{InstanceState, ReaderEvent};
+use super::{InstanceState, ReaderConfig, ReaderEvent};
 use crate::qos::{Ownership, Qos};
 use crate::table::Table;
 use crate::wire::{Guid, KeyHash, StatusInfo};
@@ -36,12 +36,19 @@ pub(super) struct Cache {
     expiries: Timers<u32>,
     pub(super) valid_count: usize,
     pub(super) unread_count: usize,
+    /// Whether a content filter keeps samples out, so that there are instances that nothing is known of.
+    pub(super) is_filtered: bool,
+    /// Samples that have come before so many others are visible.
+    pub(super) horizon: u64,
+    /// The instances with samples, by their keys, once somebody walks over them.
+    pub(super) walked: Option<BTreeSet<KeyHash>>,
     /// Room for the places of the samples that are being handed out; empty in between.
     pub(super) chosen: Vec<u32>,
 }
 
 impl Cache {
-    pub(super) fn new(qos: &Qos) -> Self {
+    pub(super) fn new(config: &ReaderConfig) -> Self {
+        let qos = &config.qos;
         let mut deadlines = Deadlines::default();
         deadlines.set_period(qos.deadline.0.to_std());
         Self {
@@ -55,6 +62,9 @@ impl Cache {
             expiries: Timers::default(),
             valid_count: 0,
             unread_count: 0,
+            is_filtered: config.content_filter.is_some(),
+            horizon: u64::MAX,
+            walked: None,
             chosen: Vec::new(),
         }
     }
@@ -281,6 +291,11 @@ impl Cache {
     pub(super) fn remove(&mut self, place: u32) -> Option<Entry> {
         let instance = &mut self.instances[self.entries.get(place).instance];
         let entry = self.entries.remove(&mut instance.samples, place)?;
+        if let Some(walked) = &mut self.walked
+            && instance.samples.is_empty()
+        {
+            walked.remove(&instance.key);
+        }
         if entry.valid_data {
             instance.valid_count -= 1;
             self.valid_count -= 1;
@@ -341,6 +356,11 @@ impl Cache {
             self.valid_count += 1;
         }
         self.unread_count += 1;
+        if let Some(walked) = &mut self.walked
+            && instance.samples.is_empty()
+        {
+            walked.insert(instance.key);
+        }
         let entry = Entry {
             payload: change.payload,
             valid_data: change.valid_data,
@@ -353,6 +373,7 @@ impl Cache {
             disposed_generation: instance.disposed_generation,
             no_writers_generation: instance.no_writers_generation,
             instance: place,
+            arrival: 0,
         };
         let place = match self
             .rules

@@ -81,7 +81,7 @@ impl Payload<'_> {
 pub(super) enum Meaning {
     /// An update of this instance.
     Update(KeyHash),
-    /// Nothing: its writer filtered it out, or it says nothing.
+    /// Nothing: its writer or this reader filtered it out, or it says nothing.
     Irrelevant,
     /// Its instance cannot be told from its payload.
     Malformed,
@@ -93,6 +93,12 @@ impl Arrival {
         let status = self.inline_qos.status;
         let has_data = self.kind == PayloadKind::Data;
         if status.filtered || (status.is_alive() && !has_data) {
+            return Meaning::Irrelevant;
+        }
+        if let Some(is_wanted) = &config.content_filter
+            && self.kind != PayloadKind::None
+            && !is_wanted(self.kind, payload)
+        {
             return Meaning::Irrelevant;
         }
         if !config.guid.entity.has_key() {

@@ -24,6 +24,8 @@ pub(super) struct Entry {
     pub(super) no_writers_generation: u32,
     /// Where its instance is.
     pub(super) instance: u32,
+    /// How many samples had been added before it.
+    pub(super) arrival: u64,
 }
 
 impl Entry {
@@ -85,12 +87,18 @@ type Of = fn(&mut Node) -> &mut Links;
 pub(super) struct Entries {
     nodes: Slab<Node>,
     arrival: List,
+    count: u64,
 }
 
 impl Entries {
     /// All in the order of arrival.
     pub(super) fn arrival(&self) -> List {
         self.arrival
+    }
+
+    /// How many there have ever been.
+    pub(super) fn count(&self) -> u64 {
+        self.count
     }
 
     pub(super) fn len(&self) -> usize {
@@ -115,6 +123,12 @@ impl Entries {
     pub(super) fn next_sibling(&self, place: u32) -> Option<u32> {
         let next = self.nodes[place].sibling.next;
         (next != NONE).then_some(next)
+    }
+
+    /// Those of an instance.
+    pub(super) fn siblings(&self, siblings: List) -> impl Iterator<Item = &Entry> + '_ {
+        let places = std::iter::successors(siblings.first(), |place| self.next_sibling(*place));
+        places.map(|place| self.get(place))
     }
 
     /// All, the last one first.
@@ -144,10 +158,12 @@ impl Entries {
     pub(super) fn insert(
         &mut self,
         siblings: &mut List,
-        entry: Entry,
+        mut entry: Entry,
         next_sibling: Option<u32>,
         next_arrival: Option<u32>,
     ) -> u32 {
+        entry.arrival = self.count;
+        self.count += 1;
         let unlinked = Links {
             previous: NONE,
             next: NONE,

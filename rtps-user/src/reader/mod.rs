@@ -31,9 +31,10 @@ mod source_order;
 #[cfg(test)]
 mod tests;
 mod timers;
+mod walk;
 mod writer_proxy;
 
-pub use config::{InstanceOf, ReaderConfig, ReaderTiming};
+pub use config::{InstanceOf, PayloadFilter, ReaderConfig, ReaderTiming};
 pub use event::{ReaderEvent, RejectedReason};
 pub use sample::{
     InstanceState, Mask, Sample, SampleInfo, SampleState, Selection, State, ViewState,
@@ -87,7 +88,7 @@ impl Reader {
     /// A reader without writers.
     pub fn new(config: ReaderConfig) -> Self {
         Self {
-            cache: Cache::new(&config.qos),
+            cache: Cache::new(&config),
             config,
             proxies: Table::default(),
             events: Events::default(),
@@ -113,6 +114,12 @@ impl Reader {
     pub fn set_qos(&mut self, qos: Qos) {
         self.cache.set_qos(&qos);
         self.config.qos = qos;
+    }
+
+    /// Sets or changes the content filter, for what arrives from now on.
+    pub fn set_content_filter(&mut self, filter: Option<PayloadFilter>) {
+        self.cache.is_filtered = filter.is_some();
+        self.config.content_filter = filter;
     }
 
     /// Matches a writer, or takes over the changed locators and policies of a matched one.
@@ -382,6 +389,20 @@ impl Reader {
     /// The number below which all changes of a matched writer have been received, or will not come.
     pub fn progress(&self, writer: Guid) -> Option<SequenceNumber> {
         self.proxies.get(writer).map(WriterProxy::next)
+    }
+
+    /// Whether all has come that a matched writer had to repeat for this reader, as its first HEARTBEAT since the match
+    /// says; so has what nobody keeps for those that come late.
+    pub fn has_history_of(&self, writer: Guid) -> bool {
+        let proxy = self.proxies.get(writer);
+        proxy.is_some_and(WriterProxy::has_history)
+    }
+
+    /// Whether all history has come of all writers that are matched now (`wait_for_historical_data`).
+    pub fn is_history_complete(&self) -> bool {
+        self.proxies
+            .keys()
+            .all(|writer| self.has_history_of(writer))
     }
 
     /// Something has come from a writer; returns the place of its proxy.

@@ -42,6 +42,10 @@ pub(super) struct WriterProxy {
     pub(super) responder: Responder,
     pub(super) filter: HeartbeatFilter,
     reliable: bool,
+    /// The writer keeps history for this reader.
+    has_past: bool,
+    /// The highest number of the first HEARTBEAT: where that history ends.
+    past: SequenceNumber,
     /// The reader is VOLATILE and the writer keeps history for readers that are not.
     skips_history: bool,
     next: SequenceNumber,
@@ -77,6 +81,10 @@ impl WriterProxy {
             responder: Responder::default(),
             filter: HeartbeatFilter::default(),
             reliable,
+            has_past: reliable
+                && config.qos.durability != Durability::Volatile
+                && remote.qos.durability != Durability::Volatile,
+            past: SequenceNumber::ZERO,
             skips_history: config.qos.durability == Durability::Volatile
                 && remote.qos.durability != Durability::Volatile,
             next: SequenceNumber(1),
@@ -121,6 +129,11 @@ impl WriterProxy {
 
     pub(super) fn has_heard(&self) -> bool {
         self.heard
+    }
+
+    /// Whether all has come that the writer had to repeat.
+    pub(super) fn has_history(&self) -> bool {
+        !self.has_past || (self.heard && self.next > self.past)
     }
 
     /// The number below which all is dealt with.
@@ -316,7 +329,9 @@ impl WriterProxy {
         cache: &mut Cache,
         events: &mut Events,
     ) -> bool {
-        self.heard = true;
+        if !std::mem::replace(&mut self.heard, true) {
+            self.past = heartbeat.last;
+        }
         if !self.started {
             self.start(heartbeat);
         } else if !self.filter.is_believable(heartbeat, self.highest) {

@@ -12,6 +12,7 @@ mod random;
 mod reliable;
 mod separation;
 mod source_order;
+mod walk;
 
 use std::time::{Duration, Instant};
 
