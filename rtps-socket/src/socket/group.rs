@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use rtps_user::qos::{Presentation, PresentationScope};
+use rtps_user::reader::Reader;
 use rtps_user::wire::EntityId;
 use rtps_user::writer;
 
@@ -148,12 +149,26 @@ impl Group {
 
     /// Freezes what the readers show.
     pub(crate) fn begin_access(&self) {
-        self.depth.fetch_add(1, Ordering::Relaxed);
+        self.driver.shared().poll(|core, _| {
+            if self.depth.fetch_add(1, Ordering::Relaxed) == 0 {
+                self.for_each_reader(core, Reader::freeze);
+            }
+        });
     }
 
     /// Lets the readers show what has come.
     pub(crate) fn end_access(&self) {
-        self.leave();
+        self.driver.shared().with(|core, _| {
+            if self.leave() {
+                self.for_each_reader(core, Reader::thaw);
+            }
+        });
+    }
+
+    fn for_each_reader(&self, core: &mut Core, act: impl Fn(&mut Reader)) {
+        for member in core.audience.members(self.id).to_vec() {
+            core.endpoints.reader_mut(member).map(&act);
+        }
     }
 
     /// Whether it was the outermost that is left.

@@ -128,6 +128,7 @@ impl RtpsSocket {
                 datagram_size: core.datagram_size(),
                 max_sample_size: ReaderConfig::MAX_SAMPLE_SIZE,
                 instance_of,
+                content_filter: None,
                 timing: ReaderTiming::default(),
             });
             core.declare(now, template.into_declaration(guid.entity));

@@ -6,6 +6,7 @@ mod driving;
 mod event_loop;
 mod groups;
 mod instances;
+mod presentation;
 mod processes;
 mod streaming;
 mod support;

@@ -7,7 +7,6 @@ use super::cache::Cache;
 use super::entries::Entry;
 use super::instance::Instance;
 use super::{Reader, Sample, SampleInfo, SampleState, Selection, ViewState};
-use crate::wire::KeyHash;
 
 /// Whether samples stay.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
@@ -48,16 +47,6 @@ impl Reader {
     /// Whether there is a sample that `selection` selects.
     pub fn has_matching(&self, selection: &Selection) -> bool {
         self.cache.has_matching(selection)
-    }
-
-    /// The next instance after `after`, in the order of key hashes, that has a sample that `selection` selects.
-    pub fn next_instance(&self, after: Option<KeyHash>, selection: &Selection) -> Option<KeyHash> {
-        self.cache.next_instance(after, selection)
-    }
-
-    /// Whether the reader knows an instance.
-    pub fn lookup_instance(&self, instance: KeyHash) -> bool {
-        self.cache.instances.get(instance).is_some()
     }
 
     /// How many samples there are, read or not.
@@ -107,25 +96,6 @@ impl Cache {
     /// Whether there is a sample that `selection` selects.
     pub(super) fn has_matching(&self, selection: &Selection) -> bool {
         self.select(selection).next().is_some()
-    }
-
-    /// The next instance after `after`, in the order of key hashes, that has a sample that `selection` selects.
-    pub(super) fn next_instance(
-        &self,
-        after: Option<KeyHash>,
-        selection: &Selection,
-    ) -> Option<KeyHash> {
-        self.instances
-            .keys()
-            .filter(|key| after.is_none_or(|after| *key > after))
-            .filter(|key| {
-                let of_instance = Selection {
-                    instance: Some(*key),
-                    ..*selection
-                };
-                self.has_matching(&of_instance)
-            })
-            .min()
     }
 
     fn select<'a>(&'a self, selection: &'a Selection) -> impl Iterator<Item = u32> + 'a {
