@@ -4,6 +4,8 @@
 mod dcps;
 mod driving;
 mod event_loop;
+mod groups;
+mod instances;
 mod processes;
 mod streaming;
 mod support;
