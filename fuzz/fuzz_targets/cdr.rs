@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use libfuzzer_sys::fuzz_target;
 use rtps_socket::DdsType;
 use rtps_socket::cdr::{
-    Representation, from_key_payload, from_payload, key_hash, key_payload, to_payload,
+    DdsType, Representation, from_key_payload, from_payload, key_hash, key_payload, to_payload,
 };
 
 #[derive(DdsType)]

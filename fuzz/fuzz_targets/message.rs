@@ -12,7 +12,9 @@ use rtps_user::endpoints::Endpoints;
 use rtps_user::layer::{Layer, LayerConfig};
 use rtps_user::qos::{Qos, Reliability};
 use rtps_user::reader::ReaderConfig;
-use rtps_user::wire::{EntityId, EntityKind, Guid, GuidPrefix, HEADER_LEN, Header, MessageReceiver};
+use rtps_user::wire::{
+    EntityId, EntityKind, Guid, GuidPrefix, HEADER_LEN, Header, MessageReceiver,
+};
 use rtps_user::writer::{WriterConfig, WriterTiming};
 
 const NUMBER: u8 = 2;

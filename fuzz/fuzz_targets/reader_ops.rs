@@ -196,7 +196,12 @@ impl Bench {
                 body.extend(inline_qos(instance, status));
                 body.extend([0, 1, 0, 0]);
                 body.extend(vec![0; len.into()]);
-                (SubmessageKind::DATA, flags & 0x0c | FLAG_INLINE_QOS, writer, body)
+                (
+                    SubmessageKind::DATA,
+                    flags & 0x0c | FLAG_INLINE_QOS,
+                    writer,
+                    body,
+                )
             }
             Operation::DataFrag {
                 writer,

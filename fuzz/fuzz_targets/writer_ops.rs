@@ -180,7 +180,10 @@ impl Bench {
                 ];
                 let flags = u8::from(is_final) << 1;
                 let message = Message::new(guid.prefix);
-                (number, message.submessage(SubmessageKind::ACKNACK, flags, &fields))
+                (
+                    number,
+                    message.submessage(SubmessageKind::ACKNACK, flags, &fields),
+                )
             }
             Operation::NackFrag {
                 reader,
@@ -199,7 +202,10 @@ impl Bench {
                     &i32::from(nack_count).to_le_bytes(),
                 ];
                 let message = Message::new(guid.prefix);
-                (number, message.submessage(SubmessageKind::NACK_FRAG, 0, &fields))
+                (
+                    number,
+                    message.submessage(SubmessageKind::NACK_FRAG, 0, &fields),
+                )
             }
             _ => return,
         };

@@ -60,4 +60,3 @@ pub fn transmit(endpoints: &mut Endpoints, now: std::time::Instant) {
     }
     panic!("the datagrams have no end");
 }
-
