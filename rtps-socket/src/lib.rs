@@ -28,8 +28,8 @@ mod sys;
 
 pub use bytes::Bytes;
 pub use dcps::{
-    Access, CoherentChanges, DataReader, DataWriter, DomainParticipant, Publisher, Sample, Samples,
-    Subscriber, Topic,
+    Access, CoherentChanges, ContentFilteredTopic, DataReader, DataWriter, DomainParticipant,
+    Publisher, Sample, Samples, Subscriber, Topic, TopicDescription,
 };
 pub use link::{LayerChoice, LayerKind};
 pub use qos::Qos;

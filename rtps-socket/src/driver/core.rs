@@ -8,7 +8,7 @@ use std::time::{Duration, Instant, SystemTime};
 use rtps_user::OwnKeys;
 use rtps_user::endpoints::Endpoints;
 use rtps_user::layer::protocol::ToLayer;
-use rtps_user::qos::Qos;
+use rtps_user::qos::{ContentFilter, Qos};
 use rtps_user::wire::{EntityId, EntityKind, Guid};
 
 use super::audience::{Audience, EntityListener, GroupId, Listener};
@@ -117,8 +117,26 @@ impl Core {
         } else if let Some(reader) = self.endpoints.reader_mut(id) {
             reader.set_qos(qos);
         }
-        if declaration.is_enabled {
-            let endpoint = Box::new(declaration.endpoint.clone());
+        self.declare_again(now, id);
+    }
+
+    /// Announces another content filter of a reader.
+    pub(crate) fn change_filter(&mut self, now: Instant, id: EntityId, filter: ContentFilter) {
+        let Some(entity) = self.entities.get_mut(&id) else {
+            return;
+        };
+        let announced = &mut entity.declaration.endpoint.content_filter;
+        if announced.replace(filter.clone()) != Some(filter) {
+            self.declare_again(now, id);
+        }
+    }
+
+    /// Tells the layer what has changed of an endpoint.
+    fn declare_again(&mut self, now: Instant, id: EntityId) {
+        if let Some(entity) = self.entities.get(&id)
+            && entity.declaration.is_enabled
+        {
+            let endpoint = Box::new(entity.declaration.endpoint.clone());
             self.link.request(now, ToLayer::Declare(endpoint));
         }
     }

@@ -33,7 +33,7 @@ impl EndpointHandle {
         self.group.as_deref()
     }
 
-    pub(super) fn shared(&self) -> &Shared {
+    pub(super) fn shared(&self) -> &Arc<Shared> {
         self.driver.shared()
     }
 

@@ -16,6 +16,7 @@ use rtps_user::wire::{EntityKind, Guid};
 use rtps_user::writer::{WriterConfig, WriterTiming};
 
 pub use builder::Builder;
+pub(crate) use raw_reader::FilterSetter;
 pub use raw_reader::{RawReader, RawSamples};
 pub use raw_writer::{RawChange, RawWriter};
 
@@ -128,7 +129,7 @@ impl RtpsSocket {
                 datagram_size: core.datagram_size(),
                 max_sample_size: ReaderConfig::MAX_SAMPLE_SIZE,
                 instance_of,
-                content_filter: None,
+                content_filter: template.payload_filter.clone(),
                 timing: ReaderTiming::default(),
             });
             core.declare(now, template.into_declaration(guid.entity));

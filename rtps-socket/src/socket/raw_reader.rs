@@ -7,12 +7,14 @@ use std::task::{Context, Poll};
 use std::time::Duration;
 
 use futures_core::Stream;
+use rtps_user::qos::ContentFilter;
 use rtps_user::reader::{InstanceOf, Reader, Sample, Selection};
-use rtps_user::wire::{Guid, KeyHash};
+use rtps_user::wire::{EntityId, Guid, KeyHash};
 
 use super::endpoint::EndpointHandle;
-use crate::driver::{Core, Limit};
+use crate::driver::{Core, Limit, Shared};
 use crate::error::{SetQosError, WaitError};
+use crate::filter::PayloadFilter;
 use crate::qos::{Qos, policies};
 use crate::status::{
     DeadlineMissedStatus, IncompatibleQosStatus, InconsistentTopicStatus, LivelinessChangedStatus,
@@ -264,12 +266,38 @@ impl RawReader {
         self.endpoint.status(Statuses::inconsistent)
     }
 
+    /// What the reader's content filter is changed with.
+    pub(crate) fn filter_setter(&self) -> FilterSetter {
+        FilterSetter {
+            shared: Arc::clone(self.endpoint.shared()),
+            reader: self.endpoint.id(),
+        }
+    }
+
     /// Reports what the typed API finds out.
     pub(crate) fn report(&self, event: StatusEvent) {
         let id = self.endpoint.id();
         self.endpoint
             .shared()
             .with(|core, _| core.report(id, event));
+    }
+}
+
+/// Changes the content filter of a reader that is there.
+pub(crate) struct FilterSetter {
+    shared: Arc<Shared>,
+    reader: EntityId,
+}
+
+impl FilterSetter {
+    /// Has writers and the reader itself heed another filter.
+    pub(crate) fn set(&self, announced: ContentFilter, payloads: PayloadFilter) {
+        self.shared.with(|core, now| {
+            if let Some(reader) = core.endpoints.reader_mut(self.reader) {
+                reader.set_content_filter(Some(payloads));
+            }
+            core.change_filter(now, self.reader, announced);
+        });
     }
 }
 

@@ -4,6 +4,7 @@
 mod dcps;
 mod driving;
 mod event_loop;
+mod filters;
 mod groups;
 mod instances;
 mod presentation;
