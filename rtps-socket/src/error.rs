@@ -9,6 +9,7 @@ pub use crate::link::in_process::InProcessError;
 pub use crate::link::kernel::AttachError;
 
 use crate::cdr::EncodeError;
+use crate::filter::{BindError, ParseError};
 
 /// Why a topic, writer or reader could not be created.
 #[derive(Clone, Debug, Eq, Error, PartialEq)]
@@ -55,6 +56,24 @@ pub enum CreateError {
     /// Nothing but CDR is written.
     #[error("the XML data representation is not supported: choose xcdr1() or xcdr2()")]
     UnsupportedRepresentation,
+}
+
+/// Why a filter is refused.
+#[derive(Clone, Debug, Eq, Error, PartialEq)]
+#[non_exhaustive]
+pub enum FilterError {
+    /// The expression is none of DDS 1.4 annex B.
+    #[error("the filter cannot be read: {0}")]
+    Parse(#[from] ParseError),
+    /// The expression does not fit the topic's type.
+    #[error("the filter does not fit the type: {0}")]
+    Bind(#[from] BindError),
+    /// There is `%0` to `%99`.
+    #[error("{0} parameters are more than the 100 that an expression can mention")]
+    TooManyParameters(usize),
+    /// The name cannot be one.
+    #[error(transparent)]
+    Refused(#[from] CreateError),
 }
 
 /// Why policies were not changed. All stay as they were.

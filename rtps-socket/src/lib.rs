@@ -15,6 +15,7 @@ pub mod cdr;
 mod dcps;
 mod driver;
 pub mod error;
+pub mod filter;
 mod link;
 pub mod qos;
 mod socket;
@@ -27,8 +28,8 @@ mod sys;
 
 pub use bytes::Bytes;
 pub use dcps::{
-    Access, CoherentChanges, DataReader, DataWriter, DomainParticipant, Publisher, Sample, Samples,
-    Subscriber, Topic,
+    Access, CoherentChanges, ContentFilteredTopic, DataReader, DataWriter, DomainParticipant,
+    Publisher, Sample, Samples, Subscriber, Topic, TopicDescription,
 };
 pub use link::{LayerChoice, LayerKind};
 pub use qos::Qos;

@@ -8,10 +8,12 @@
 mod count;
 pub mod discovery;
 pub mod endpoints;
+pub mod filter;
 pub mod history;
 pub mod ipv6;
 pub mod layer;
 pub mod local;
+mod own_keys;
 pub mod qos;
 pub mod reader;
 mod remote;
@@ -22,5 +24,6 @@ pub mod wire;
 pub mod writer;
 
 pub use count::CountClock;
+pub use own_keys::{OwnKeyHasher, OwnKeys};
 pub use remote::RemoteEndpoint;
 pub use transmit::Transmit;

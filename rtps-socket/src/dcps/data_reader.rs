@@ -1,33 +1,54 @@
 //! DataReader (DDS 1.4 section 2.2.2.5.3).
 
 use std::pin::Pin;
+use std::sync::Arc;
 use std::task::{Context, Poll};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use futures_core::Stream;
 use rtps_user::wire::Guid;
 
 use super::Sample;
 use super::access::{Form, instance_of_payload};
+use super::content_filtered_topic::Filter;
 use super::keys::Keys;
 use crate::cdr::DdsType;
 use crate::error::{CreateError, SetQosError, WaitError};
 use crate::qos::{Qos, policies};
-use crate::socket::{RawReader, RtpsSocket, Template};
+use crate::socket::{FilterSetter, RawReader, RtpsSocket, Template};
 
 /// A reader of samples of type `T`. Dropped, it is withdrawn.
 pub struct DataReader<T> {
     pub(super) reader: RawReader,
     pub(super) keys: Keys,
+    /// Where it belongs to a filtered topic: what its filter is changed with, as long as the reader is there.
+    _filtered: Option<Arc<FilterSetter>>,
     sample: std::marker::PhantomData<fn() -> T>,
 }
 
 impl<T: DdsType> DataReader<T> {
-    pub(super) fn new(socket: &RtpsSocket, template: Template) -> Result<Self, CreateError> {
+    pub(super) fn new(
+        socket: &RtpsSocket,
+        mut template: Template,
+        filter: Option<&Filter>,
+    ) -> Result<Self, CreateError> {
+        template.type_information = T::type_information();
+        if let Some(filter) = filter {
+            let (announced, payloads) = filter.current();
+            template.content_filter = Some(announced);
+            template.payload_filter = Some(payloads);
+        }
         let instance_of = T::HAS_KEY.then(instance_of_payload::<T>);
+        let reader = socket.create_reader_of(template, instance_of)?;
+        let filtered = filter.map(|filter| {
+            let setter = Arc::new(reader.filter_setter());
+            filter.follow(&setter);
+            setter
+        });
         Ok(Self {
-            reader: socket.create_reader_of(template, instance_of)?,
+            reader,
             keys: Keys::default(),
+            _filtered: filtered,
             sample: std::marker::PhantomData,
         })
     }
@@ -35,9 +56,9 @@ impl<T: DdsType> DataReader<T> {
     /// Takes the next sample, waiting for it up to `timeout`; `None` when none has come. A wait without end ends where the
     /// layer is lost, of which [`StatusEvent::LayerLost`] tells.
     pub fn take_next(&self, timeout: Duration) -> Option<Sample<T>> {
-        let deadline = Instant::now().checked_add(timeout);
+        let mut limit = timeout.into();
         loop {
-            let sample = self.reader.recv_until(deadline)?;
+            let sample = self.reader.recv_within(&mut limit)?;
             if let Some(sample) = self.decode(sample, Form::Take) {
                 return Some(sample);
             }

@@ -34,12 +34,13 @@ pub struct DataWriter<T> {
 }
 
 impl<T: DdsType> DataWriter<T> {
-    pub(super) fn new(socket: &RtpsSocket, template: Template) -> Result<Self, CreateError> {
+    pub(super) fn new(socket: &RtpsSocket, mut template: Template) -> Result<Self, CreateError> {
         let representation = match template.qos.representation.first() {
             None | Some(DataRepresentation::Xcdr1) => Representation::Xcdr1,
             Some(DataRepresentation::Xcdr2) => Representation::Xcdr2,
             Some(DataRepresentation::Xml) => return Err(CreateError::UnsupportedRepresentation),
         };
+        template.type_information = T::type_information();
         Ok(Self {
             writer: socket.create_writer_of(template, T::HAS_KEY)?,
             representation,

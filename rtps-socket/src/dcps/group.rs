@@ -23,7 +23,7 @@ struct Policies {
 impl GroupState {
     pub(super) fn new(socket: RtpsSocket, qos: Qos, is_enabled: bool) -> Self {
         Self {
-            group: socket.create_group(),
+            group: socket.create_group(qos.presentation_policy()),
             socket,
             policies: Mutex::new(Policies {
                 qos,

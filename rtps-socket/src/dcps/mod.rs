@@ -1,6 +1,7 @@
 //! The typed API in the terms of DDS 1.4: participant, topic, publisher, subscriber, writer, reader.
 
 mod access;
+mod content_filtered_topic;
 mod data_reader;
 mod data_writer;
 mod group;
@@ -12,6 +13,7 @@ mod status;
 mod subscriber;
 mod topic;
 
+pub use content_filtered_topic::{ContentFilteredTopic, TopicDescription};
 pub use data_reader::{DataReader, Samples};
 pub use data_writer::DataWriter;
 pub use participant::DomainParticipant;

@@ -3,9 +3,11 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::{DataReader, DataWriter, Publisher, Subscriber, Topic};
+use super::{
+    ContentFilteredTopic, DataReader, DataWriter, Publisher, Subscriber, Topic, TopicDescription,
+};
 use crate::cdr::DdsType;
-use crate::error::{CreateError, OpenError};
+use crate::error::{CreateError, FilterError, OpenError};
 use crate::qos::Qos;
 use crate::socket::{Builder, RtpsSocket, Template};
 use crate::status::{EntityEvent, StatusMask};
@@ -63,6 +65,21 @@ impl DomainParticipant {
         Topic::new(name)
     }
 
+    /// A topic as readers see it that want only the samples for which an expression of DDS 1.4 annex B is true;
+    /// `parameters` stand for `%0`, `%1` and so on in it. The name is not seen by others.
+    ///
+    /// # Errors
+    /// When the expression is none, or does not fit the type.
+    pub fn create_content_filtered_topic<T: DdsType>(
+        &self,
+        name: &str,
+        topic: &Topic<T>,
+        expression: &str,
+        parameters: &[&str],
+    ) -> Result<ContentFilteredTopic<T>, FilterError> {
+        ContentFilteredTopic::new(name, topic, expression, parameters)
+    }
+
     /// A publisher: writers with policies in common.
     pub fn create_publisher(&self, qos: Qos) -> Publisher {
         Publisher::new(self.socket.clone(), qos, self.autoenables())
@@ -95,14 +112,14 @@ impl DomainParticipant {
     /// When the policies make no sense.
     pub fn create_reader<T: DdsType>(
         &self,
-        topic: &Topic<T>,
+        topic: &impl TopicDescription<T>,
         qos: Qos,
     ) -> Result<DataReader<T>, CreateError> {
         let template = Template {
             is_enabled: self.autoenables(),
-            ..Template::new(topic.name(), T::TYPE_NAME, qos.into_reader())
+            ..Template::new(topic.topic().name(), T::TYPE_NAME, qos.into_reader())
         };
-        DataReader::new(&self.socket, template)
+        DataReader::new(&self.socket, template, topic.filter())
     }
 
     /// ENTITY_FACTORY: whether what is created from now on is enabled at once, as it is by default. A publisher or subscriber

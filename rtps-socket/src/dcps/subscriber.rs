@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::group::GroupState;
-use super::{DataReader, Topic};
+use super::{DataReader, TopicDescription};
 use crate::cdr::DdsType;
 use crate::error::{CreateError, SetQosError};
 use crate::qos::Qos;
@@ -29,13 +29,13 @@ impl Subscriber {
     /// When the policies make no sense.
     pub fn create_reader<T: DdsType>(
         &self,
-        topic: &Topic<T>,
+        topic: &impl TopicDescription<T>,
         qos: Qos,
     ) -> Result<DataReader<T>, CreateError> {
         let template = self
             .state
-            .template::<T>(topic.name(), qos, Qos::into_reader);
-        DataReader::new(&self.state.socket, template)
+            .template::<T>(topic.topic().name(), qos, Qos::into_reader);
+        DataReader::new(&self.state.socket, template, topic.filter())
     }
 
     /// Its policies.

@@ -95,6 +95,8 @@ pub(super) struct Batching {
     due: Option<Instant>,
     bytes: usize,
     room: u32,
+    /// Something has come since the last write, which the next one may answer.
+    may_answer: bool,
 }
 
 impl Batching {
@@ -127,14 +129,18 @@ impl Batching {
         self.due = None;
     }
 
-    /// The write is over: sending may have taken longer than any gap.
-    pub(super) fn wrote(&mut self, now: Instant) {
-        self.last = Some(now);
+    /// The write is over: sending may have taken longer than any gap. No stream begins with an answer, so that the
+    /// clock need not be read for one.
+    pub(super) fn wrote(&mut self, now: impl FnOnce() -> Instant) {
+        if !std::mem::take(&mut self.may_answer) {
+            self.last = Some(now());
+        }
     }
 
     /// Something came that the app may answer.
     pub(super) fn expect_answer(&mut self) {
         self.row = 0;
+        self.may_answer = true;
     }
 
     /// What waits was sent, or is to be sent now.

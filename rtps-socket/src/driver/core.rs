@@ -5,9 +5,10 @@ use std::sync::Arc;
 use std::task::Waker;
 use std::time::{Duration, Instant, SystemTime};
 
+use rtps_user::OwnKeys;
 use rtps_user::endpoints::Endpoints;
 use rtps_user::layer::protocol::ToLayer;
-use rtps_user::qos::Qos;
+use rtps_user::qos::{ContentFilter, Qos};
 use rtps_user::wire::{EntityId, EntityKind, Guid};
 
 use super::audience::{Audience, EntityListener, GroupId, Listener};
@@ -25,7 +26,7 @@ pub(crate) struct Core {
     /// Writers and readers.
     pub(crate) endpoints: Endpoints,
     link: Box<dyn Link>,
-    pub(super) entities: HashMap<EntityId, Entity>,
+    pub(super) entities: HashMap<EntityId, Entity, OwnKeys>,
     pub(super) seat: Seat,
     identity: Identity,
     next_serial: u16,
@@ -43,7 +44,7 @@ impl Core {
         Self {
             endpoints: Endpoints::new(identity.prefix),
             link,
-            entities: HashMap::new(),
+            entities: HashMap::default(),
             seat: Seat::default(),
             identity,
             next_serial: 1,
@@ -116,8 +117,26 @@ impl Core {
         } else if let Some(reader) = self.endpoints.reader_mut(id) {
             reader.set_qos(qos);
         }
-        if declaration.is_enabled {
-            let endpoint = Box::new(declaration.endpoint.clone());
+        self.declare_again(now, id);
+    }
+
+    /// Announces another content filter of a reader.
+    pub(crate) fn change_filter(&mut self, now: Instant, id: EntityId, filter: ContentFilter) {
+        let Some(entity) = self.entities.get_mut(&id) else {
+            return;
+        };
+        let announced = &mut entity.declaration.endpoint.content_filter;
+        if announced.replace(filter.clone()) != Some(filter) {
+            self.declare_again(now, id);
+        }
+    }
+
+    /// Tells the layer what has changed of an endpoint.
+    fn declare_again(&mut self, now: Instant, id: EntityId) {
+        if let Some(entity) = self.entities.get(&id)
+            && entity.declaration.is_enabled
+        {
+            let endpoint = Box::new(entity.declaration.endpoint.clone());
             self.link.request(now, ToLayer::Declare(endpoint));
         }
     }
@@ -225,11 +244,17 @@ impl Core {
         self.link.arrivals()
     }
 
-    /// Does what is due, sends what is to be sent, and notes what has happened.
+    /// Does what is due, sends what is to be sent, and notes what has happened. Most of the time there is nothing.
     pub(crate) fn settle(&mut self, now: Instant) {
-        if self.endpoints.poll_timeout().is_some_and(|due| due <= now) {
-            self.endpoints.handle_timeout(now);
+        if self.link.has_news(now) {
+            self.settle_link(now);
         }
+        if self.batching.due().is_some() || !self.endpoints.is_settled(now) {
+            self.settle_endpoints(now);
+        }
+    }
+
+    fn settle_link(&mut self, now: Instant) {
         if self.link.poll_timeout().is_some_and(|due| due <= now) {
             self.link.handle_timeout(now);
         }
@@ -239,8 +264,18 @@ impl Core {
         if self.link.is_lost() && !self.is_lost {
             self.lose_layer(now);
         }
-        if !self.batching.is_holding(now) {
+    }
+
+    fn settle_endpoints(&mut self, now: Instant) {
+        let is_holding = self.batching.is_holding(now);
+        if !is_holding {
             self.transmit(now);
+        }
+        if self.endpoints.poll_timeout().is_some_and(|due| due <= now) {
+            self.endpoints.handle_timeout(now);
+            if !is_holding {
+                self.transmit(now);
+            }
         }
         while let Some(event) = self.endpoints.poll_event() {
             self.handle_event(event);

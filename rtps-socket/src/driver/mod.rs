@@ -36,6 +36,7 @@ pub(crate) use self::audience::{EntityListener, GroupId, Listener};
 pub(crate) use self::batching::{Patience, PatienceCell};
 pub(crate) use self::core::Core;
 pub(crate) use self::entity::{Declaration, Inherits};
+pub(crate) use self::wait::Limit;
 
 use self::entity::Notice;
 use self::seat::Holder;
@@ -167,7 +168,7 @@ impl Shared {
             core.receive(now, Wakeups::default());
             let is_alone = core.seat.holder == Holder::Nobody;
             self.look_briefly(&mut core, now, is_alone);
-            core.batching.wrote(Instant::now());
+            core.batching.wrote(Instant::now);
             self.release(core);
         } else if !was_holding {
             core.seat.is_wanted |= !core.seat.is_external && core.seat.holder == Holder::Nobody;
@@ -191,8 +192,9 @@ impl Shared {
     fn release(&self, mut core: MutexGuard<'_, Core>) {
         if core.seat.is_external && core.seat.holder != Holder::Foreground {
             self.prepare_external_sleep(&mut core);
-        } else if core.seat.sleeps_beyond(core.poll_timeout())
-            || core.seat.sleeps_through(core.batching.due())
+        } else if core.seat.sleeps()
+            && (core.seat.sleeps_beyond(core.poll_timeout())
+                || core.seat.sleeps_through(core.batching.due()))
         {
             core.seat.sleeps_until = None;
             signal(&self.interrupt);
@@ -207,7 +209,9 @@ impl Shared {
             self.wake_background();
         }
         drop(core);
-        notices.into_iter().for_each(Notice::deliver);
+        if !notices.is_empty() {
+            notices.into_iter().for_each(Notice::deliver);
+        }
     }
 }
 

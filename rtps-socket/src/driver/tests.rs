@@ -72,6 +72,10 @@ impl Link for OddLink {
 
     fn awake(&mut self) {}
 
+    fn has_news(&self, _now: Instant) -> bool {
+        !self.0.messages.lock().unwrap().is_empty() || self.is_lost()
+    }
+
     fn poll_timeout(&self) -> Option<Instant> {
         None
     }

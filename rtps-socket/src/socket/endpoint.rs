@@ -33,7 +33,7 @@ impl EndpointHandle {
         self.group.as_deref()
     }
 
-    pub(super) fn shared(&self) -> &Shared {
+    pub(super) fn shared(&self) -> &Arc<Shared> {
         self.driver.shared()
     }
 
@@ -61,7 +61,7 @@ impl EndpointHandle {
     ) -> Result<(), WaitError> {
         let mut matched = 0;
         self.shared()
-            .wait_until(deadline(timeout), |core, _| {
+            .wait_until(timeout, |core, _| {
                 matched = core.entity(self.id())?.matched().len();
                 if matched < wanted && core.is_lost() {
                     return Some(Err(WaitError::LayerLost));
@@ -146,6 +146,9 @@ impl Drop for EndpointHandle {
     fn drop(&mut self) {
         self.shared()
             .with(|core, now| core.withdraw(now, self.id()));
+        if let Some(group) = self.group.as_deref().filter(|_| self.id().is_writer()) {
+            group.refresh_writers();
+        }
     }
 }
 

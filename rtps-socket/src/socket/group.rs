@@ -1,11 +1,15 @@
 //! What the writers of a publisher, or the readers of a subscriber, have in common.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
+use rtps_user::qos::{Presentation, PresentationScope};
+use rtps_user::reader::Reader;
 use rtps_user::wire::EntityId;
+use rtps_user::writer;
 
+use super::raw_writer::to_timestamp;
 use super::template::check_endpoint;
 use crate::driver::{Core, Driver, EntityListener, GroupId};
 use crate::error::{SetQosError, WaitError};
@@ -19,16 +23,21 @@ pub(crate) struct Group {
     is_suspended: AtomicBool,
     /// How deep coherent sets, or accesses, are nested.
     depth: AtomicU32,
+    /// What the writers number their changes by, where PRESENTATION has GROUP scope. Locked after the core.
+    sequence: Option<Mutex<writer::Group>>,
 }
 
 impl Group {
-    pub(super) fn new(driver: &Arc<Driver>) -> Self {
+    pub(super) fn new(driver: &Arc<Driver>, presentation: Presentation) -> Self {
+        let is_used = presentation.coherent || presentation.ordered;
+        let is_numbered = is_used && presentation.scope == PresentationScope::Group;
         let id = driver.shared().with(|core, _| core.audience.add_group());
         Self {
             driver: Arc::clone(driver),
             id,
             is_suspended: AtomicBool::new(false),
             depth: AtomicU32::new(0),
+            sequence: is_numbered.then(Mutex::default),
         }
     }
 
@@ -82,24 +91,84 @@ impl Group {
         self.driver.shared().with(|_, _| ());
     }
 
+    /// What the writers number their changes by, if by anything in common.
+    pub(super) fn sequence(&self) -> Option<MutexGuard<'_, writer::Group>> {
+        let sequence = self.sequence.as_ref()?;
+        Some(sequence.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// A writer has come or gone.
+    pub(super) fn refresh_writers(&self) {
+        self.driver.shared().with(|core, _| {
+            let members = core.audience.members(self.id).to_vec();
+            if let Some(mut sequence) = self.sequence() {
+                sequence.set_writers(members.iter().copied());
+            }
+            if self.depth.load(Ordering::Relaxed) > 0 {
+                begin_coherent(core, &members);
+            }
+        });
+    }
+
     /// What the writers write from now on is one coherent set.
     pub(crate) fn begin_coherent_changes(&self) {
-        self.depth.fetch_add(1, Ordering::Relaxed);
+        self.driver.shared().with(|core, _| {
+            if self.depth.fetch_add(1, Ordering::Relaxed) > 0 {
+                return;
+            }
+            if let Some(mut sequence) = self.sequence() {
+                sequence.begin_set();
+            }
+            let members = core.audience.members(self.id).to_vec();
+            begin_coherent(core, &members);
+        });
     }
 
     /// Ends the coherent set, if one is open.
     pub(crate) fn end_coherent_changes(&self) {
-        self.leave();
+        self.driver.shared().with(|core, now| {
+            if !self.leave() {
+                return;
+            }
+            let timestamp = to_timestamp(core.wall_time(now));
+            let mut sequence = self.sequence();
+            for member in core.audience.members(self.id).to_vec() {
+                let Some(writer) = core.endpoints.writer_mut(member) else {
+                    continue;
+                };
+                match sequence.as_deref() {
+                    Some(group) => writer.end_coherent_in(group, timestamp),
+                    None => writer.end_coherent(timestamp),
+                };
+            }
+            if let Some(sequence) = &mut sequence {
+                sequence.end_set();
+            }
+        });
     }
 
     /// Freezes what the readers show.
     pub(crate) fn begin_access(&self) {
-        self.depth.fetch_add(1, Ordering::Relaxed);
+        self.driver.shared().poll(|core, _| {
+            if self.depth.fetch_add(1, Ordering::Relaxed) == 0 {
+                self.for_each_reader(core, Reader::freeze);
+            }
+        });
     }
 
     /// Lets the readers show what has come.
     pub(crate) fn end_access(&self) {
-        self.leave();
+        self.driver.shared().with(|core, _| {
+            if self.leave() {
+                self.for_each_reader(core, Reader::thaw);
+            }
+        });
+    }
+
+    fn for_each_reader(&self, core: &mut Core, act: impl Fn(&mut Reader)) {
+        for member in core.audience.members(self.id).to_vec() {
+            core.endpoints.reader_mut(member).map(&act);
+        }
     }
 
     /// Whether it was the outermost that is left.
@@ -140,6 +209,15 @@ impl Group {
                 act(core, now, member);
             }
         });
+    }
+}
+
+/// What is written is part of a set; where a writer has one open already, of that.
+fn begin_coherent(core: &mut Core, members: &[EntityId]) {
+    for member in members {
+        if let Some(writer) = core.endpoints.writer_mut(*member) {
+            writer.begin_coherent();
+        }
     }
 }
 

@@ -10,11 +10,13 @@ mod template;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
 
+use rtps_user::qos::Presentation;
 use rtps_user::reader::{InstanceOf, ReaderConfig, ReaderTiming};
 use rtps_user::wire::{EntityKind, Guid};
 use rtps_user::writer::{WriterConfig, WriterTiming};
 
 pub use builder::Builder;
+pub(crate) use raw_reader::FilterSetter;
 pub use raw_reader::{RawReader, RawSamples};
 pub use raw_writer::{RawChange, RawWriter};
 
@@ -84,6 +86,9 @@ impl RtpsSocket {
             core.declare(now, template.into_declaration(guid.entity));
             Ok(guid)
         })?;
+        if let Some(group) = &group {
+            group.refresh_writers();
+        }
         let endpoint = EndpointHandle::new(&self.driver, guid, group);
         Ok(RawWriter::new(endpoint, &qos, is_enabled))
     }
@@ -124,6 +129,7 @@ impl RtpsSocket {
                 datagram_size: core.datagram_size(),
                 max_sample_size: ReaderConfig::MAX_SAMPLE_SIZE,
                 instance_of,
+                content_filter: template.payload_filter.clone(),
                 timing: ReaderTiming::default(),
             });
             core.declare(now, template.into_declaration(guid.entity));
@@ -145,8 +151,9 @@ impl RtpsSocket {
             .with(|core, _| core.set_entity_listener(None, mask, Arc::new(listener)));
     }
 
-    pub(crate) fn create_group(&self) -> Arc<Group> {
-        Arc::new(Group::new(&self.driver))
+    /// A publisher or subscriber.
+    pub(crate) fn create_group(&self, presentation: Presentation) -> Arc<Group> {
+        Arc::new(Group::new(&self.driver, presentation))
     }
 
     /// Asserts the liveliness of all writers with LIVELINESS MANUAL_BY_PARTICIPANT.

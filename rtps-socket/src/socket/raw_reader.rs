@@ -4,15 +4,17 @@ use std::collections::HashMap;
 use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use futures_core::Stream;
+use rtps_user::qos::ContentFilter;
 use rtps_user::reader::{InstanceOf, Reader, Sample, Selection};
-use rtps_user::wire::{Guid, KeyHash};
+use rtps_user::wire::{EntityId, Guid, KeyHash};
 
-use super::endpoint::{EndpointHandle, deadline};
-use crate::driver::Core;
+use super::endpoint::EndpointHandle;
+use crate::driver::{Core, Limit, Shared};
 use crate::error::{SetQosError, WaitError};
+use crate::filter::PayloadFilter;
 use crate::qos::{Qos, policies};
 use crate::status::{
     DeadlineMissedStatus, IncompatibleQosStatus, InconsistentTopicStatus, LivelinessChangedStatus,
@@ -117,25 +119,23 @@ impl RawReader {
     /// Takes the next sample, waiting for it up to `timeout`. A wait without end ends where the layer is lost, of
     /// which [`StatusEvent::LayerLost`] tells.
     pub fn recv(&self, timeout: Duration) -> Option<Sample> {
-        self.recv_until(deadline(timeout))
+        self.recv_within(&mut timeout.into())
     }
 
-    pub(crate) fn recv_until(&self, deadline: Option<Instant>) -> Option<Sample> {
+    /// As [`recv`](Self::recv), one of several waits that share a limit.
+    pub(crate) fn recv_within(&self, limit: &mut Limit) -> Option<Sample> {
         let shared = self.endpoint.shared();
-        shared.wait_until(deadline, |core, _| self.take_one(core))
+        shared.wait_within(limit, |core, _| self.take_one(core))
     }
 
     /// Waits until there is a sample that has not been read; false when `timeout` passes before.
     pub fn wait(&self, timeout: Duration) -> bool {
-        let found = self
-            .endpoint
-            .shared()
-            .wait_until(deadline(timeout), |core, _| {
-                core.endpoints
-                    .reader(self.endpoint.id())?
-                    .has_data()
-                    .then_some(())
-            });
+        let found = self.endpoint.shared().wait_until(timeout, |core, _| {
+            core.endpoints
+                .reader(self.endpoint.id())?
+                .has_data()
+                .then_some(())
+        });
         found.is_some()
     }
 
@@ -266,12 +266,38 @@ impl RawReader {
         self.endpoint.status(Statuses::inconsistent)
     }
 
+    /// What the reader's content filter is changed with.
+    pub(crate) fn filter_setter(&self) -> FilterSetter {
+        FilterSetter {
+            shared: Arc::clone(self.endpoint.shared()),
+            reader: self.endpoint.id(),
+        }
+    }
+
     /// Reports what the typed API finds out.
     pub(crate) fn report(&self, event: StatusEvent) {
         let id = self.endpoint.id();
         self.endpoint
             .shared()
             .with(|core, _| core.report(id, event));
+    }
+}
+
+/// Changes the content filter of a reader that is there.
+pub(crate) struct FilterSetter {
+    shared: Arc<Shared>,
+    reader: EntityId,
+}
+
+impl FilterSetter {
+    /// Has writers and the reader itself heed another filter.
+    pub(crate) fn set(&self, announced: ContentFilter, payloads: PayloadFilter) {
+        self.shared.with(|core, now| {
+            if let Some(reader) = core.endpoints.reader_mut(self.reader) {
+                reader.set_content_filter(Some(payloads));
+            }
+            core.change_filter(now, self.reader, announced);
+        });
     }
 }
 

@@ -10,6 +10,7 @@ use rtps_user::qos::{Qos, Reliability};
 use rtps_user::wire::{Guid, KeyHash, SequenceNumber, Timestamp};
 use rtps_user::writer;
 
+use super::Group;
 use super::endpoint::{EndpointHandle, deadline};
 use crate::driver::{Core, Patience, PatienceCell};
 use crate::error::{SetQosError, WaitError, WriteError};
@@ -132,7 +133,12 @@ impl RawWriter {
         if let Err(error) = writer.make_room(change.as_ref()?) {
             return Some(Err(error));
         }
-        Some(writer.write(now, change.take()?))
+        let change = change.take()?;
+        let sequence = self.endpoint.group().and_then(Group::sequence);
+        Some(match sequence {
+            None => writer.write(now, change),
+            Some(mut group) => writer.write_in_group(now, change, &mut group),
+        })
     }
 
     /// Its name.
@@ -158,18 +164,15 @@ impl RawWriter {
     /// # Errors
     /// When one has not after `timeout`.
     pub fn wait_for_acknowledgments(&self, timeout: Duration) -> Result<(), WaitError> {
-        let acknowledged = self
-            .endpoint
-            .shared()
-            .wait_until(deadline(timeout), |core, _| {
-                if core.is_lost() {
-                    return Some(Err(WaitError::LayerLost));
-                }
-                let writer = core.endpoints.writer(self.endpoint.id());
-                writer
-                    .is_none_or(|writer| writer.all_acknowledged())
-                    .then_some(Ok(()))
-            });
+        let acknowledged = self.endpoint.shared().wait_until(timeout, |core, _| {
+            if core.is_lost() {
+                return Some(Err(WaitError::LayerLost));
+            }
+            let writer = core.endpoints.writer(self.endpoint.id());
+            writer
+                .is_none_or(|writer| writer.all_acknowledged())
+                .then_some(Ok(()))
+        });
         acknowledged.unwrap_or(Err(WaitError::Unacknowledged))
     }
 
@@ -274,7 +277,7 @@ fn stamped(change: RawChange, now: impl FnOnce() -> SystemTime) -> NewChange {
 }
 
 /// Times before 1970 count as 1970.
-fn to_timestamp(time: SystemTime) -> Timestamp {
+pub(super) fn to_timestamp(time: SystemTime) -> Timestamp {
     let since_epoch = time.duration_since(SystemTime::UNIX_EPOCH);
     Timestamp::from_unix(since_epoch.unwrap_or_default())
 }

@@ -9,6 +9,7 @@ use rtps_user::wire::{EntityId, EntityKind};
 use super::Group;
 use crate::driver::{Declaration, Inherits};
 use crate::error::CreateError;
+use crate::filter::PayloadFilter;
 use crate::link::encode;
 use crate::qos::policies;
 
@@ -21,6 +22,8 @@ pub(crate) struct Template {
     pub(crate) type_information: Vec<u8>,
     /// What a reader wants of its topic, if not all.
     pub(crate) content_filter: Option<ContentFilter>,
+    /// The same, for the reader itself.
+    pub(crate) payload_filter: Option<PayloadFilter>,
     pub(crate) qos: policies::Qos,
     /// The publisher or subscriber, if that is not its own.
     pub(crate) group: Option<Arc<Group>>,
@@ -37,6 +40,7 @@ impl Template {
             type_name: type_name.to_owned(),
             type_information: Vec::new(),
             content_filter: None,
+            payload_filter: None,
             qos,
             group: None,
             inherits: Inherits::default(),

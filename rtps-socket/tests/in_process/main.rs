@@ -4,8 +4,10 @@
 mod dcps;
 mod driving;
 mod event_loop;
+mod filters;
 mod groups;
 mod instances;
+mod presentation;
 mod processes;
 mod streaming;
 mod support;

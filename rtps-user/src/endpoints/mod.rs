@@ -26,13 +26,13 @@ use crate::reader::{Reader, ReaderConfig};
 use crate::table::Table;
 use crate::wire::{EntityId, Guid, GuidPrefix};
 use crate::writer::{Writer, WriterConfig};
-use crate::{RemoteEndpoint, Transmit};
+use crate::{OwnKeys, RemoteEndpoint, Transmit};
 
 /// The endpoints of one app.
 #[derive(Debug)]
 pub struct Endpoints {
     prefix: GuidPrefix,
-    endpoints: Table<EntityId, Scheduled>,
+    endpoints: Table<EntityId, Scheduled, OwnKeys>,
     /// Each matched remote endpoint.
     matched: Table<Guid, Match>,
     foreign: u64,
@@ -167,8 +167,19 @@ impl Endpoints {
         }
     }
 
+    /// Whether nothing is to be sent, told or done at `now`: the `poll_*` methods have given all that there was.
+    #[inline]
+    pub fn is_settled(&self, now: Instant) -> bool {
+        self.schedule.dirty_len() == 0
+            && self.events.is_empty()
+            && self.schedule.deadline().is_none_or(|due| due > now)
+    }
+
     /// When [`handle_timeout`](Self::handle_timeout) is due.
     pub fn poll_timeout(&self) -> Option<Instant> {
+        if self.schedule.dirty_len() == 0 {
+            return self.schedule.deadline();
+        }
         let dirty = self.schedule.dirty();
         dirty
             .filter_map(|place| self.endpoints[place].endpoint.poll_timeout())
