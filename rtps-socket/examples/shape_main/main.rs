@@ -17,7 +17,7 @@ mod subscriber;
 use std::fs::File;
 use std::process::ExitCode;
 
-use rtps_socket::error::{CreateError, OpenError, WriteError};
+use rtps_socket::error::{CreateError, FilterError, OpenError, WriteError};
 use rtps_socket::{DomainParticipant, Topic};
 use thiserror::Error;
 use tracing_subscriber::EnvFilter;
@@ -41,6 +41,8 @@ enum Failure {
     Open(#[from] OpenError),
     #[error("failed to create an entity: {0}")]
     Create(#[from] CreateError),
+    #[error("failed to create content filtered topic: {0}")]
+    Filter(#[from] FilterError),
     #[error("failed to write: {0}")]
     Write(#[from] WriteError),
 }
@@ -48,7 +50,9 @@ enum Failure {
 impl Failure {
     fn exit_code(&self) -> ExitCode {
         match self {
-            Self::System(_) | Self::Open(_) | Self::Create(_) => ExitCode::from(2),
+            Self::System(_) | Self::Open(_) | Self::Create(_) | Self::Filter(_) => {
+                ExitCode::from(2)
+            }
             Self::Write(_) => ExitCode::from(3),
         }
     }

@@ -2,9 +2,12 @@
 
 use std::collections::HashMap;
 
-use rtps_socket::error::CreateError;
-use rtps_socket::{DataReader, DomainParticipant, KeyHash, Sample, Selection, Subscriber, Topic};
+use rtps_socket::{
+    ContentFilteredTopic, DataReader, DomainParticipant, KeyHash, Sample, Selection, Subscriber,
+    Topic,
+};
 
+use crate::Failure;
 use crate::interrupt::Interrupt;
 use crate::options::Options;
 use crate::output::Printer;
@@ -35,13 +38,12 @@ impl<'a> ShapeSubscriber<'a> {
         participant: &DomainParticipant,
         interrupt: &'a Interrupt,
         printer: &'a Printer,
-    ) -> Result<Self, CreateError> {
+    ) -> Result<Self, Failure> {
         let topics = crate::topics(options, participant, printer)?;
         let subscriber = participant.create_subscriber(qos::group(options));
         let readers = topics.iter().map(|topic| {
-            let name = topic.name();
-            printer.print(format!("Create reader for topic: {name}"));
-            TopicReader::new(&subscriber, topic, options)
+            let filtered = filtered(options, participant, topic)?;
+            TopicReader::new(options, &subscriber, topic, filtered, printer)
         });
         Ok(Self {
             readers: readers.collect::<Result<_, _>>()?,
@@ -83,15 +85,44 @@ impl<'a> ShapeSubscriber<'a> {
     }
 }
 
+/// What the options want of a topic, where that is not all.
+fn filtered(
+    options: &Options,
+    participant: &DomainParticipant,
+    topic: &Topic<ShapeType>,
+) -> Result<Option<ContentFilteredTopic<ShapeType>>, Failure> {
+    let create = |expression: &str, parameters: &[&str]| {
+        let name = format!("{}_filtered", topic.name());
+        participant.create_content_filtered_topic(&name, topic, expression, parameters)
+    };
+    let filtered = match (&options.color, &options.subscriber.filter) {
+        // In quotes, as most vendors have it.
+        (Some(color), _) => create("color = %0", &[&format!("'{color}'")])?,
+        (None, Some(expression)) => create(expression, &[])?,
+        (None, None) => return Ok(None),
+    };
+    Ok(Some(filtered))
+}
+
 impl TopicReader {
+    /// Creates the reader, and says so before.
     fn new(
+        options: &Options,
         subscriber: &Subscriber,
         topic: &Topic<ShapeType>,
-        options: &Options,
-    ) -> Result<Self, CreateError> {
+        filtered: Option<ContentFilteredTopic<ShapeType>>,
+        printer: &Printer,
+    ) -> Result<Self, Failure> {
+        let filtered_name = filtered.as_ref().map(ContentFilteredTopic::name);
+        let name = filtered_name.unwrap_or_else(|| topic.name()).to_owned();
+        printer.print(format!("Create reader for topic: {name}"));
+        let qos = qos::reader(options);
         Ok(Self {
-            name: topic.name().to_owned(),
-            reader: subscriber.create_reader(topic, qos::reader(options))?,
+            name,
+            reader: match filtered {
+                Some(filtered) => subscriber.create_reader(&filtered, qos)?,
+                None => subscriber.create_reader(topic, qos)?,
+            },
             colors: HashMap::new(),
         })
     }
