@@ -95,7 +95,7 @@ fn start(options: &Options, warnings: Vec<String>) -> Result<ExitCode, Failure> 
 }
 
 fn run(options: &Options, interrupt: &Interrupt, printer: &Printer) -> Result<(), Failure> {
-    let participant = DomainParticipant::builder().domain(options.domain).open()?;
+    let participant = open(options)?;
     listener::listen(&participant, printer);
     if options.is_verbose {
         printer.print(format!("layer: {:?}", participant.socket().layer()));
@@ -113,6 +113,17 @@ fn run(options: &Options, interrupt: &Interrupt, printer: &Printer) -> Result<()
         }
     }
     Ok(())
+}
+
+fn open(options: &Options) -> Result<DomainParticipant, OpenError> {
+    let mut builder = DomainParticipant::builder().domain(options.domain);
+    if let Some(period) = options.announce_period {
+        builder = builder.announce_period(period);
+    }
+    if let Some(size) = options.fragment_size {
+        builder = builder.fragment_size(size);
+    }
+    builder.open()
 }
 
 /// Creates the topics, and says so before each.
