@@ -3,7 +3,12 @@
 use anyhow::{Result, ensure};
 
 use crate::lines::{self, wait_line};
-use crate::stage::{Ends, on_both_layers};
+use crate::stage::{Ends, on_both_layers, on_the_in_process_layer};
+
+on_the_in_process_layer! {
+    another_domain,
+    announced_as_often_as_asked,
+}
 
 on_both_layers! {
     apart,
@@ -15,24 +20,27 @@ on_both_layers! {
 /// Samples after which an endpoint that does not match would have got some.
 const ENOUGH: usize = 20;
 
-/// Another domain, topic or partition is another world, and nothing is said of it.
+/// Another topic or partition is another world, and nothing is said of it.
 fn apart(ends: &Ends<'_>) -> Result<()> {
-    let elsewhere = ["-d 1", "-t Circle", "-p other", "-p square"];
+    let elsewhere = ["-t Circle", "-p other", "-p square", ""];
+    nobody_hears(ends, elsewhere, "-p Square")
+}
+
+/// The kernel layer serves the domains that it was loaded for.
+fn another_domain(ends: &Ends<'_>) -> Result<()> {
+    nobody_hears(ends, ["", "-d 1"], "-d 2")
+}
+
+/// Only who is in the same place hears a publisher.
+fn nobody_hears<const N: usize>(ends: &Ends<'_>, elsewhere: [&str; N], here: &str) -> Result<()> {
     let elsewhere = elsewhere.map(|arguments| ends.subscriber(arguments));
-    let _publisher = ends.publisher("-p Square")?;
-    lines::wait_samples(&ends.subscriber("-p Square")?, ENOUGH)?;
+    let _publisher = ends.publisher(here)?;
+    lines::wait_samples(&ends.subscriber(here)?, ENOUGH)?;
     for subscriber in elsewhere {
         let subscriber = lines::interrupt(subscriber?)?;
-        ensure!(
-            lines::samples(&subscriber).is_empty(),
-            "{}",
-            subscriber.text()
-        );
-        ensure!(
-            !lines::has_line(&subscriber, "on_"),
-            "{}",
-            subscriber.text()
-        );
+        let text = subscriber.text();
+        ensure!(lines::samples(&subscriber).is_empty(), "{text}");
+        ensure!(!lines::has_line(&subscriber, "on_"), "{text}");
     }
     Ok(())
 }
@@ -109,5 +117,20 @@ fn compatible_policies(ends: &Ends<'_>) -> Result<()> {
         let _publisher = ends.publisher(offered)?;
         lines::wait_samples(&ends.subscriber(requested)?, 3)?;
     }
+    Ok(())
+}
+
+/// The period holds for as long as the program runs, not only at first.
+fn announced_as_often_as_asked(ends: &Ends<'_>) -> Result<()> {
+    let capture = ends.capture()?;
+    // An announcement each 100 ms, a sample each 300 ms.
+    let publisher = ends.publisher("--periodic-announcement 100 --write-period 300")?;
+    lines::wait_samples(&publisher, 20)?;
+    drop(publisher);
+    // The participant's writer; over IPv4 alone, so that each counts once.
+    let announcements = capture
+        .finish()?
+        .frames("ip && rtps.sm.wrEntityId == 0x000100c2")?;
+    ensure!(announcements >= 20, "{announcements}");
     Ok(())
 }

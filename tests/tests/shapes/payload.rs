@@ -18,17 +18,21 @@ fn large_samples(ends: &Ends<'_>) -> Result<()> {
     arrive(ends, "--additional-payload-size 100000", "")
 }
 
+/// Fragments are as large as asked for, but never larger than a datagram carries.
 fn large_samples_in_small_fragments(ends: &Ends<'_>) -> Result<()> {
-    arrive(
-        ends,
-        "--additional-payload-size 20000 --datafrag-size 1000",
-        "",
-    )?;
-    arrive(
-        ends,
-        "--additional-payload-size 20000 --datafrag-size 65535",
-        "--datafrag-size 9",
-    )
+    for (asked, sent) in [(1000, "== 1000"), (65_535, "in {1300 .. 1472}")] {
+        let capture = ends.capture()?;
+        let size = format!("--additional-payload-size 20000 --datafrag-size {asked}");
+        arrive(ends, &size, "")?;
+        let capture = capture.finish()?;
+        let fragments = capture.frames("rtps.data_frag.size")?;
+        let as_wanted = capture.frames(&format!("rtps.data_frag.size {sent}"))?;
+        ensure!(
+            fragments > 0 && fragments == as_wanted,
+            "{as_wanted} of {fragments}"
+        );
+    }
+    Ok(())
 }
 
 /// All samples from the first on.

@@ -3,6 +3,7 @@
 use std::process::Command;
 
 use anyhow::Result;
+use rtps_tests::capture::Capture;
 use rtps_tests::layer::{KernelLayer, Layer};
 use rtps_tests::link::Host;
 use rtps_tests::netns::Identity;
@@ -71,6 +72,10 @@ impl Ends<'_> {
         spawn(command)
     }
 
+    /// Captures what both hosts send.
+    pub(crate) fn capture(&self) -> Result<Capture> {
+        Capture::start(&self.near.netns, &self.near.interface.name)
+    }
 
     /// The program with arguments separated by spaces, without rights, on the first host.
     pub(crate) fn near_command(&self, arguments: &str) -> Result<Command> {
