@@ -153,6 +153,11 @@ impl Entity {
         }
     }
 
+    /// Forgets a task that no longer waits.
+    pub(super) fn wake_no_more(&mut self, waker: &Waker) {
+        self.wakers.retain(|known| !known.will_wake(waker));
+    }
+
     pub(super) fn wake(&mut self, audience: &mut Audience) {
         audience
             .notices

@@ -11,6 +11,7 @@ use rtps_user::wire::{Guid, KeyHash, SequenceNumber, Timestamp};
 use rtps_user::writer;
 
 use super::Group;
+use super::condition::{Trigger, Watched};
 use super::endpoint::{EndpointHandle, deadline};
 use crate::driver::{Core, Patience, PatienceCell};
 use crate::error::{SetQosError, WaitError, WriteError};
@@ -231,6 +232,11 @@ impl RawWriter {
         listener: impl Fn(StatusEvent) + Send + Sync + 'static,
     ) {
         self.endpoint.set_listener(mask, Arc::new(listener));
+    }
+
+    /// A condition of the writer.
+    pub(crate) fn watch(&self, trigger: Trigger) -> Watched {
+        self.endpoint.watch(trigger)
     }
 
     /// The statuses that have changed since they were last asked for.

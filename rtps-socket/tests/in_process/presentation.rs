@@ -2,7 +2,6 @@
 
 use std::time::Duration;
 
-use rtps_socket::qos::PresentationScope;
 use rtps_socket::{DataReader, Qos};
 
 use crate::support::{self, Shape, participant, shape};

@@ -21,6 +21,7 @@ mod instance;
 mod lifecycle;
 mod liveliness;
 mod ownership;
+mod query;
 mod ranges;
 mod reassembly;
 mod repair_time;
