@@ -20,6 +20,8 @@ impl ParameterId {
     pub const GROUP_COHERENT_SET: Self = Self(0x0063);
     /// PID_GROUP_SEQ_NUM.
     pub const GROUP_SEQ_NUM: Self = Self(0x0064);
+    /// PID_WRITER_GROUP_INFO.
+    pub const WRITER_GROUP_INFO: Self = Self(0x0065);
     /// PID_KEY_HASH.
     pub const KEY_HASH: Self = Self(0x0070);
     /// PID_STATUS_INFO.

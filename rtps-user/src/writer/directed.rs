@@ -88,6 +88,7 @@ impl Writer {
             count: 0,
             is_final: false,
             liveliness: false,
+            group: None,
         }
     }
 

@@ -179,6 +179,7 @@ impl Pair {
             count: self.heartbeats,
             is_final,
             liveliness: false,
+            group: None,
         });
     }
 }

@@ -206,6 +206,7 @@ impl Bench {
             count,
             is_final,
             liveliness: false,
+            group: None,
         };
         self.reader
             .handle_heartbeat(self.now, self.writer, &heartbeat);

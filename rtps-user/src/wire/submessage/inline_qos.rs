@@ -43,6 +43,11 @@ impl StatusInfo {
     }
 }
 
+/// GroupDigest_t (RTPS 9.3.2): a digest of the entity ids of a publisher's writers. Who reads it compares it with
+/// others, nothing else.
+#[derive(Clone, Copy, Debug, Default, Eq, Hash, Ord, PartialEq, PartialOrd)]
+pub struct GroupDigest(pub [u8; 4]);
+
 /// The parameters of a change that we use; unknown ones are skipped.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub struct InlineQos {
@@ -50,14 +55,16 @@ pub struct InlineQos {
     pub key_hash: Option<KeyHash>,
     /// PID_STATUS_INFO; absent means an ordinary sample.
     pub status: StatusInfo,
-    /// PID_COHERENT_SET: the first change of the set that this change belongs to, or SEQUENCENUMBER_UNKNOWN where it
-    /// only ends the set before it.
+    /// PID_COHERENT_SET: the first change of the set that this change belongs to; SEQUENCENUMBER_UNKNOWN says that the
+    /// set before has ended (RTPS 8.7.6).
     pub coherent_set: Option<SequenceNumber>,
-    /// PID_GROUP_SEQ_NUM: the number of the change among all of its publisher.
+    /// PID_GROUP_SEQ_NUM: the change's number among all changes of its publisher (RTPS 8.7.5).
     pub group_sequence: Option<SequenceNumber>,
-    /// PID_GROUP_COHERENT_SET: the group sequence number of the first change of the publisher's set.
+    /// PID_GROUP_COHERENT_SET: the group sequence number that the publisher's set begins with (RTPS 8.7.6).
     pub group_coherent_set: Option<SequenceNumber>,
-    /// PID_LIFESPAN, where it is another than the writer's.
+    /// PID_WRITER_GROUP_INFO: the writers of the publisher, at the end of a set of GROUP scope.
+    pub writer_group: Option<GroupDigest>,
+    /// PID_LIFESPAN: that of this change alone.
     pub lifespan: Option<Duration>,
 }
 
@@ -79,20 +86,26 @@ impl InlineQos {
                 ParameterId::STATUS_INFO => {
                     qos.status = StatusInfo::from_octet(value.array::<4>()?[3])
                 }
-                ParameterId::COHERENT_SET => {
-                    qos.coherent_set = Some(SequenceNumber::decode(&mut value)?)
-                }
-                ParameterId::GROUP_SEQ_NUM => {
-                    qos.group_sequence = Some(SequenceNumber::decode(&mut value)?)
-                }
-                ParameterId::GROUP_COHERENT_SET => {
-                    qos.group_coherent_set = Some(SequenceNumber::decode(&mut value)?)
-                }
-                ParameterId::LIFESPAN => qos.lifespan = Some(Duration::decode(&mut value)?),
-                _ => {}
+                _ => qos.decode_rare(id, &mut value)?,
             }
         }
         Ok(qos)
+    }
+
+    fn decode_rare(&mut self, id: ParameterId, value: &mut Cursor<'_>) -> Result<(), WireError> {
+        match id {
+            ParameterId::COHERENT_SET => self.coherent_set = Some(SequenceNumber::decode(value)?),
+            ParameterId::GROUP_SEQ_NUM => {
+                self.group_sequence = Some(SequenceNumber::decode(value)?)
+            }
+            ParameterId::GROUP_COHERENT_SET => {
+                self.group_coherent_set = Some(SequenceNumber::decode(value)?)
+            }
+            ParameterId::WRITER_GROUP_INFO => self.writer_group = Some(GroupDigest(value.array()?)),
+            ParameterId::LIFESPAN => self.lifespan = Some(Duration::decode(value)?),
+            _ => {}
+        }
+        Ok(())
     }
 
     /// Writes the list with its sentinel.
@@ -108,15 +121,19 @@ impl InlineQos {
                 value.extend_from_slice(&[0, 0, 0, self.status.octet()])
             });
         }
-        let numbers = [
+        for (id, number) in [
             (ParameterId::COHERENT_SET, self.coherent_set),
             (ParameterId::GROUP_SEQ_NUM, self.group_sequence),
             (ParameterId::GROUP_COHERENT_SET, self.group_coherent_set),
-        ];
-        for (id, number) in numbers {
+        ] {
             if let Some(number) = number {
                 list.parameter(id, |value| number.encode(value));
             }
+        }
+        if let Some(GroupDigest(digest)) = self.writer_group {
+            list.parameter(ParameterId::WRITER_GROUP_INFO, |value| {
+                value.extend_from_slice(&digest)
+            });
         }
         if let Some(lifespan) = self.lifespan {
             list.parameter(ParameterId::LIFESPAN, |value| lifespan.encode(value));
