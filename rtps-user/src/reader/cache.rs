@@ -8,11 +8,11 @@ use std::collections::VecDeque;
 use std::time::Instant;
 
 use super::change::Change;
-use super::deadline::Deadlines;
 use super::entries::{Entries, Entry, List};
 use super::events::Events;
 use super::instance::Instance;
 use super::{InstanceState, ReaderEvent, RejectedReason};
+use crate::deadline::Deadlines;
 use crate::qos::{History, Qos};
 use crate::table::Table;
 use crate::wire::{Guid, KeyHash};

@@ -11,7 +11,6 @@ mod acknack;
 mod cache;
 mod change;
 mod config;
-mod deadline;
 mod entries;
 mod event;
 mod events;
@@ -343,7 +342,10 @@ impl Reader {
                 self.messages.set((writer, message), at);
             }
             if sent && let Some(destinations) = proxy.destinations.clone() {
-                return Some(Transmit { destinations });
+                return Some(Transmit {
+                    destinations,
+                    dscp: 0,
+                });
             }
             out.truncate(start);
         }
