@@ -23,7 +23,7 @@ const NAMELESS: KeyHash = KeyHash([0; 16]);
 #[derive(Clone, Debug, Default)]
 pub(super) struct Instances {
     nameless: Option<Instance>,
-    named: KeyMap<Instance>,
+    named: HashMap<KeyHash, Instance, BuildHasherDefault<KeyHasher>>,
 }
 
 impl Instances {
@@ -85,13 +85,10 @@ impl Instances {
     }
 }
 
-/// A map by key hashes of the writer's own making.
-pub(crate) type KeyMap<V> = HashMap<KeyHash, V, BuildHasherDefault<KeyHasher>>;
-
 /// Folds the words of a key hash. Most are hashes already, and all are of the writer's own making: nobody else can
 /// choose them so that they collide.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct KeyHasher(u64);
+struct KeyHasher(u64);
 
 impl Hasher for KeyHasher {
     fn finish(&self) -> u64 {

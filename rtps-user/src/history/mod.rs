@@ -12,5 +12,4 @@ mod membership;
 pub use cache::{Entry, HistoryCache};
 pub use change::{CacheChange, ChangeKind, NewChange};
 pub use instances::Instance;
-pub(crate) use instances::KeyMap;
 pub use membership::{GroupStamp, Membership};

@@ -53,11 +53,8 @@ use window::Window;
 
 use crate::history::{HistoryCache, NewChange};
 use crate::qos::{Durability, LivelinessKind, Qos};
-use crate::wire::{AckNack, Guid, KeyHash, NackFrag, PayloadKind, SequenceNumber};
+use crate::wire::{AckNack, Guid, KeyHash, NackFrag, SequenceNumber};
 use crate::{RemoteEndpoint, Transmit};
-
-/// Whether a payload passes a reader's content filter.
-pub type PayloadFilter = Arc<dyn Fn(PayloadKind, &[u8]) -> bool + Send + Sync>;
 
 /// A writer, its history and its proxies of matched readers.
 #[derive(Debug)]

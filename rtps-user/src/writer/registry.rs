@@ -2,18 +2,21 @@
 //!
 //! Only max_instances and DEADLINE need to know them; writers without either keep no book.
 
+use std::collections::HashMap;
+use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
 use super::{WriteError, Writer};
 use crate::deadline::Deadlines;
-use crate::history::{ChangeKind, KeyMap};
+use crate::history::ChangeKind;
+use crate::own_keys::OwnKeys;
 use crate::qos::Qos;
 use crate::wire::KeyHash;
 
 /// The instances.
 #[derive(Debug, Default)]
 pub(super) struct Registry {
-    instances: KeyMap<Registered>,
+    instances: HashMap<KeyHash, Registered, OwnKeys>,
     /// How many are registered; others are only waiting for their deadline to pass.
     len: usize,
     deadlines: Deadlines,
