@@ -51,6 +51,8 @@ pub(crate) struct Entity {
     topic: Arc<str>,
     type_name: Arc<str>,
     pub(super) declaration: Declaration,
+    /// A reader whose coherent sets wait for their parts in others.
+    pub(super) stages_groups: bool,
     matched: HashSet<Guid>,
     pub(crate) statuses: Statuses,
     events: VecDeque<StatusEvent>,
@@ -91,6 +93,7 @@ impl Entity {
             topic: declaration.endpoint.topic.as_str().into(),
             type_name: declaration.endpoint.type_name.as_str().into(),
             declaration,
+            stages_groups: false,
             matched: HashSet::new(),
             statuses: Statuses::default(),
             events: VecDeque::new(),

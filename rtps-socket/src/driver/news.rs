@@ -23,6 +23,7 @@ impl Core {
             }
             FromLayer::Unmatched { local, remote } => {
                 self.endpoints.unmatch(now, local, remote);
+                self.review_group(local);
                 self.on_entity(local, |entity, audience| {
                     entity.remove_match(remote, audience)
                 });
@@ -80,11 +81,16 @@ impl Core {
         let (id, event) = match event {
             EndpointEvent::DataAvailable(id) => {
                 self.batching.expect_answer();
+                self.review_group(id);
                 return self.on_entity(id, |entity, audience| entity.data_available(audience));
             }
             EndpointEvent::Acknowledged(id) => {
                 return self.on_entity(id, |entity, audience| entity.wake(audience));
             }
+            EndpointEvent::OfferedDeadlineMissed { writer, instance } => (
+                writer,
+                StatusEvent::OfferedDeadlineMissed { instance, total: 0 },
+            ),
             EndpointEvent::LivelinessLost(writer) => {
                 (writer, StatusEvent::LivelinessLost { total: 0 })
             }

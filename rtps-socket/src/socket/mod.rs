@@ -135,6 +135,7 @@ impl RtpsSocket {
                 timing: ReaderTiming::default(),
             });
             core.declare(now, template.into_declaration(guid.entity));
+            core.stage_groups(guid.entity);
             Ok(guid)
         })?;
         let endpoint = EndpointHandle::new(&self.driver, guid, group);

@@ -13,7 +13,6 @@ mod cache;
 mod change;
 mod coherent;
 mod config;
-mod deadline;
 mod entries;
 mod event;
 mod events;
@@ -369,7 +368,10 @@ impl Reader {
                 self.messages.set((writer, message), at);
             }
             if sent && let Some(destinations) = proxy.destinations.clone() {
-                return Some(Transmit { destinations });
+                return Some(Transmit {
+                    destinations,
+                    dscp: 0,
+                });
             }
             out.truncate(start);
         }
