@@ -25,6 +25,7 @@ pub(crate) fn expand(
             Err(#cdr::DecodeError::InvalidEnum { type_name: #type_name, value: value.into() })
         },
     };
+    let field_access = crate::fields::of_enumeration(ident, &literals);
     Ok(quote! {
         #[automatically_derived]
         impl #cdr::CdrType for #ident {
@@ -54,6 +55,8 @@ pub(crate) fn expand(
             fn add_key_size(size: &mut #cdr::KeySize) {
                 <#holder as #cdr::CdrType>::add_key_size(size);
             }
+
+            #field_access
         }
     })
 }

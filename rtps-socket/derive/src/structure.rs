@@ -5,6 +5,7 @@ use quote::{format_ident, quote};
 use syn::{DeriveInput, Error, Expr, FieldsNamed, Ident, Type};
 
 use crate::attributes::{Extensibility, FieldAttributes, TypeAttributes};
+use crate::fields::{self, StructField};
 
 pub(crate) fn expand(
     input: &DeriveInput,
@@ -113,6 +114,7 @@ impl<'a> Structure<'a> {
             .key_members_by_id()
             .into_iter()
             .map(Member::add_key_size);
+        let field_access = fields::of_struct(self.fields());
         quote! {
             #[automatically_derived]
             impl #impl_generics #cdr::CdrType for #ident #type_generics #where_clause {
@@ -138,8 +140,19 @@ impl<'a> Structure<'a> {
                 fn default_value() -> Self { #default }
 
                 fn add_key_size(size: &mut #cdr::KeySize) { #(#key_size)* }
+
+                #field_access
             }
         }
+    }
+
+    fn fields(&self) -> impl Iterator<Item = StructField<'a>> {
+        let has_key = self.has_key();
+        self.members.iter().map(move |member| StructField {
+            ident: member.ident,
+            ty: member.ty,
+            is_key: member.key || !has_key,
+        })
     }
 
     fn encode(&self) -> TokenStream {

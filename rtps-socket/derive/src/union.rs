@@ -5,6 +5,7 @@ use quote::quote;
 use syn::{DataEnum, DeriveInput, Error, Fields, Ident, Type, Variant};
 
 use crate::attributes::{Extensibility, TypeAttributes, VariantAttributes};
+use crate::fields::{self, UnionField};
 
 const DISCRIMINATORS: [&str; 8] = ["i8", "u8", "i16", "u16", "i32", "u32", "i64", "u64"];
 
@@ -109,6 +110,14 @@ impl<'a> Case<'a> {
         quote!(#(#labels)|* => Ok(#construct),)
     }
 
+    fn field(&self) -> UnionField<'a> {
+        UnionField {
+            ident: self.ident,
+            ty: self.member,
+            label: self.labels.first().copied().unwrap_or_default(),
+        }
+    }
+
     /// The variant, its member from a function of `CdrType`.
     fn construct(&self, member: &TokenStream) -> TokenStream {
         let cdr = crate::cdr();
@@ -144,6 +153,8 @@ fn cdr_type_impl(
         .or_else(|| cases.first());
     let initial = initial.map(|case| case.construct(&quote!(default_value())));
     let members = cases.iter().filter_map(|case| case.member);
+    let fields: Vec<_> = cases.iter().map(Case::field).collect();
+    let field_access = fields::of_union(&fields);
     quote! {
         #[automatically_derived]
         impl #impl_generics #cdr::CdrType for #ident #type_generics #where_clause {
@@ -175,6 +186,8 @@ fn cdr_type_impl(
                 <#discriminator as #cdr::CdrType>::add_key_size(size);
                 size.add_largest(&[#(<#members as #cdr::CdrType>::add_key_size),*]);
             }
+
+            #field_access
         }
     }
 }

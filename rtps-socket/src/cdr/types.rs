@@ -1,6 +1,6 @@
 //! The traits of types that have a CDR encoding, and the words they are described with.
 
-use super::{DecodeError, Decoder, EncodeError, Encoder, KeySize};
+use super::{DecodeError, Decoder, EncodeError, Encoder, FieldType, Fields, KeySize, Value};
 
 /// Order of the bytes of a multi-byte primitive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -114,6 +114,19 @@ pub trait CdrType: Sized {
     /// Adds the largest serialized size of the type as (part of) a key.
     fn add_key_size(size: &mut KeySize);
 
+    /// The value of the member at `path`, as [`Fields::field`] gives it; content filters have no access to the members
+    /// of a type that does not say.
+    fn value_at(&self, path: &[&str]) -> Option<Value<'_>> {
+        let _ = path;
+        None
+    }
+
+    /// The type of the member at `path`; `None` where there is no such member.
+    fn type_at(path: &[&str]) -> Option<FieldType> {
+        let _ = path;
+        None
+    }
+
     /// Appends `items` without a count.
     ///
     /// # Errors
@@ -166,13 +179,20 @@ pub trait CdrType: Sized {
 }
 
 /// A type that can be the type of a topic. Implemented by `#[derive(DdsType)]`.
-pub trait DdsType: CdrType {
+pub trait DdsType: CdrType + Fields {
     /// The registered type name, which must be the same on all sides.
     const TYPE_NAME: &'static str;
     /// Selects the encoding together with the representation.
     const EXTENSIBILITY: Extensibility;
     /// Whether the topic has instances.
     const HAS_KEY: bool;
+
+    /// The type's TypeInformation (XTypes 7.6.3.2.1) as its endpoints announce it: little endian, in
+    /// XCDR2. Empty where the type does not describe itself; it is then matched by its name alone.
+    #[must_use]
+    fn type_information() -> Vec<u8> {
+        Vec::new()
+    }
 }
 
 /// [`CdrType::MIN_SIZE`] of a struct whose members take at least `members` bytes together.

@@ -72,6 +72,10 @@ impl Link for OddLink {
 
     fn awake(&mut self) {}
 
+    fn has_news(&self, _now: Instant) -> bool {
+        !self.0.messages.lock().unwrap().is_empty() || self.is_lost()
+    }
+
     fn poll_timeout(&self) -> Option<Instant> {
         None
     }
@@ -108,7 +112,15 @@ fn declare(driver: &Driver) -> EntityId {
             content_filter: None,
             qos: Qos::default(),
         };
-        core.declare(now, endpoint);
+        core.declare(
+            now,
+            Declaration {
+                endpoint,
+                group: None,
+                inherits: Inherits::default(),
+                is_enabled: true,
+            },
+        );
         guid.entity
     })
 }

@@ -4,6 +4,9 @@
 mod dcps;
 mod driving;
 mod event_loop;
+mod groups;
+mod instances;
+mod presentation;
 mod processes;
 mod streaming;
 mod support;

@@ -1,6 +1,6 @@
 //! A change as it comes from a writer, and what it means to a reader (RTPS 2.5 sections 8.2.1.3 and 9.6.4).
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use bytes::Bytes;
 
@@ -14,6 +14,8 @@ pub(super) struct Change {
     pub(super) sequence: SequenceNumber,
     pub(super) timestamp: Option<Timestamp>,
     pub(super) reception: Instant,
+    /// When it is worth nothing any more, if ever.
+    pub(super) expiry: Option<Instant>,
     pub(super) instance: KeyHash,
     pub(super) status: StatusInfo,
     pub(super) valid_data: bool,
@@ -28,6 +30,7 @@ impl Change {
             sequence: SequenceNumber::UNKNOWN,
             timestamp: None,
             reception: now,
+            expiry: None,
             instance,
             status: StatusInfo {
                 unregistered: true,
@@ -78,7 +81,7 @@ impl Payload<'_> {
 pub(super) enum Meaning {
     /// An update of this instance.
     Update(KeyHash),
-    /// Nothing: its writer filtered it out, or it says nothing.
+    /// Nothing: its writer or this reader filtered it out, or it says nothing.
     Irrelevant,
     /// Its instance cannot be told from its payload.
     Malformed,
@@ -90,6 +93,12 @@ impl Arrival {
         let status = self.inline_qos.status;
         let has_data = self.kind == PayloadKind::Data;
         if status.filtered || (status.is_alive() && !has_data) {
+            return Meaning::Irrelevant;
+        }
+        if let Some(is_wanted) = &config.content_filter
+            && self.kind != PayloadKind::None
+            && !is_wanted(self.kind, payload)
+        {
             return Meaning::Irrelevant;
         }
         if !config.guid.entity.has_key() {
@@ -107,8 +116,15 @@ impl Arrival {
         }
     }
 
-    pub(super) fn to_change(&self, instance: KeyHash, payload: Bytes) -> Change {
+    /// The change, of a writer with this LIFESPAN.
+    pub(super) fn to_change(
+        &self,
+        instance: KeyHash,
+        payload: Bytes,
+        lifespan: Option<Duration>,
+    ) -> Change {
         Change {
+            expiry: self.expiry(lifespan),
             writer: self.writer,
             sequence: self.sequence,
             timestamp: self.timestamp,
@@ -118,5 +134,16 @@ impl Arrival {
             valid_data: self.kind == PayloadKind::Data,
             payload,
         }
+    }
+
+    /// LIFESPAN counts from the reception: what a writer still sends is not over there, and how far its clock is off
+    /// is not known (DDS 1.4 section 2.2.3.16 allows it).
+    fn expiry(&self, lifespan: Option<Duration>) -> Option<Instant> {
+        let lifespan = match self.inline_qos.lifespan {
+            Some(own) => own.to_std(),
+            None => lifespan,
+        };
+        let has_data = self.kind == PayloadKind::Data;
+        self.reception.checked_add(lifespan.filter(|_| has_data)?)
     }
 }

@@ -12,6 +12,10 @@ use crate::wire::{Guid, KeyHash, PayloadKind};
 /// payload is malformed. The payload begins with its encapsulation header.
 pub type InstanceOf = Arc<dyn Fn(PayloadKind, &[u8]) -> Option<KeyHash> + Send + Sync>;
 
+/// Whether a serialized payload, beginning with its encapsulation header, is of interest: a whole sample, or the key of an
+/// instance that ends. What cannot be judged by its key is.
+pub type PayloadFilter = Arc<dyn Fn(PayloadKind, &[u8]) -> bool + Send + Sync>;
+
 /// What a [`Reader`](super::Reader) is created with.
 #[derive(Clone)]
 pub struct ReaderConfig {
@@ -25,6 +29,8 @@ pub struct ReaderConfig {
     pub max_sample_size: usize,
     /// How to find the instance of a sample that comes without key hash; not needed for topics without key.
     pub instance_of: Option<InstanceOf>,
+    /// The content filter; what it is not interested in is acknowledged, but does not come in.
+    pub content_filter: Option<PayloadFilter>,
     /// Its timing parameters.
     pub timing: ReaderTiming,
 }
@@ -41,6 +47,7 @@ impl ReaderConfig {
             datagram_size: 1452,
             max_sample_size: Self::MAX_SAMPLE_SIZE,
             instance_of: None,
+            content_filter: None,
             timing: ReaderTiming::default(),
         }
     }
@@ -54,6 +61,7 @@ impl fmt::Debug for ReaderConfig {
             .field("datagram_size", &self.datagram_size)
             .field("max_sample_size", &self.max_sample_size)
             .field("instance_of", &self.instance_of.is_some())
+            .field("content_filter", &self.content_filter.is_some())
             .field("timing", &self.timing)
             .finish()
     }

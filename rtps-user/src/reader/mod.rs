@@ -8,6 +8,7 @@
 
 mod access;
 mod acknack;
+mod admission;
 mod cache;
 mod change;
 mod config;
@@ -16,17 +17,23 @@ mod event;
 mod events;
 mod heartbeat_filter;
 mod instance;
+mod lifecycle;
 mod liveliness;
+mod ownership;
 mod ranges;
 mod reassembly;
 mod repair_time;
+mod rules;
 mod sample;
+mod separation;
+mod source_order;
 #[cfg(test)]
 mod tests;
 mod timers;
+mod walk;
 mod writer_proxy;
 
-pub use config::{InstanceOf, ReaderConfig, ReaderTiming};
+pub use config::{InstanceOf, PayloadFilter, ReaderConfig, ReaderTiming};
 pub use event::{ReaderEvent, RejectedReason};
 pub use sample::{
     InstanceState, Mask, Sample, SampleInfo, SampleState, Selection, State, ViewState,
@@ -41,7 +48,6 @@ use crate::wire::{
     Data, DataFrag, Gap, Guid, GuidPrefix, Heartbeat, HeartbeatFrag, SequenceNumber, Timestamp,
 };
 use crate::{RemoteEndpoint, Transmit};
-use access::Access;
 use cache::Cache;
 use change::{Arrival, Payload};
 use events::Events;
@@ -81,7 +87,7 @@ impl Reader {
     /// A reader without writers.
     pub fn new(config: ReaderConfig) -> Self {
         Self {
-            cache: Cache::new(&config.qos),
+            cache: Cache::new(&config),
             config,
             proxies: Table::default(),
             events: Events::default(),
@@ -109,8 +115,15 @@ impl Reader {
         self.config.qos = qos;
     }
 
+    /// Sets or changes the content filter, for what arrives from now on.
+    pub fn set_content_filter(&mut self, filter: Option<PayloadFilter>) {
+        self.cache.is_filtered = filter.is_some();
+        self.config.content_filter = filter;
+    }
+
     /// Matches a writer, or takes over the changed locators and policies of a matched one.
     pub fn match_writer(&mut self, now: Instant, remote: &RemoteEndpoint) {
+        self.cache.writer_known(remote.guid, remote.qos.ownership);
         if let Some(proxy) = self.proxies.get_mut(remote.guid) {
             proxy.update(remote);
             self.watch.follow(remote.guid, &proxy.lease);
@@ -138,7 +151,7 @@ impl Reader {
         self.count = self.count.max(proxy.responder.count());
         self.events.lost(writer, proxy.held_count() as u64);
         self.watch.end(writer, &proxy.lease, &mut self.events);
-        self.cache.writer_gone(now, writer, &mut self.events);
+        self.cache.writer_unknown(now, writer, &mut self.events);
     }
 
     /// Whether a writer is matched.
@@ -298,7 +311,8 @@ impl Reader {
         }
     }
 
-    /// Does what is due but needs no datagram: leases and deadlines.
+    /// Does what is due but needs no datagram: leases, deadlines, and what becomes of samples as time passes. Samples
+    /// are up to date after that, so it comes before they are read or taken.
     pub fn handle_timeout(&mut self, now: Instant) {
         while let Some(writer) = self.watch.pop(now) {
             let Some(proxy) = self.proxies.get_mut(writer) else {
@@ -311,7 +325,11 @@ impl Reader {
                 self.cache.writer_gone(now, writer, &mut self.events);
             }
         }
-        self.cache.check_deadlines(now, &mut self.events);
+        self.cache.handle_timeout(now, &mut self.events);
+        if !self.blocked.is_empty() {
+            self.now = Some(now);
+            self.release();
+        }
     }
 
     /// When to call [`handle_timeout`](Self::handle_timeout) and [`poll_transmit`](Self::poll_transmit) at the
@@ -320,7 +338,7 @@ impl Reader {
         [
             self.messages.next(),
             self.watch.next(),
-            self.cache.next_deadline(),
+            self.cache.poll_timeout(),
         ]
         .into_iter()
         .flatten()
@@ -357,49 +375,6 @@ impl Reader {
         self.events.pop()
     }
 
-    /// Takes up to `max` samples in the order of arrival; makes room for samples that could not be accepted.
-    pub fn take(&mut self, max: usize, selection: &Selection) -> Vec<Sample> {
-        let samples = self.cache.collect(max, selection, Access::Take);
-        if !samples.is_empty() && !self.blocked.is_empty() {
-            self.release();
-        }
-        samples
-    }
-
-    /// Takes the first sample of a selection in the order of arrival, as [`take`](Self::take) does.
-    pub fn take_next(&mut self, selection: &Selection) -> Option<Sample> {
-        let sample = self.cache.take_next(selection);
-        if sample.is_some() && !self.blocked.is_empty() {
-            self.release();
-        }
-        sample
-    }
-
-    /// Reads up to `max` samples, which stay.
-    pub fn read(&mut self, max: usize, selection: &Selection) -> Vec<Sample> {
-        self.cache.collect(max, selection, Access::Read)
-    }
-
-    /// Whether there is a sample that has not been read.
-    pub fn has_data(&self) -> bool {
-        self.cache.unread_count > 0
-    }
-
-    /// Whether there is a sample that `selection` selects.
-    pub fn has_matching(&self, selection: &Selection) -> bool {
-        self.cache.has_matching(selection)
-    }
-
-    /// How many samples there are, read or not.
-    pub fn len(&self) -> usize {
-        self.cache.entries.len()
-    }
-
-    /// Whether there is no sample.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
     /// Goes on with a writer, matched just now, where an earlier run of this reader stopped: at change `next`,
     /// counting ACKNACKs and NACK_FRAGs on from `count`. With `next` at most 1 only the counts go on.
     pub fn resume_from(&mut self, writer: Guid, next: SequenceNumber, count: i32) {
@@ -416,6 +391,20 @@ impl Reader {
     /// The number below which all changes of a matched writer have been received, or will not come.
     pub fn progress(&self, writer: Guid) -> Option<SequenceNumber> {
         self.proxies.get(writer).map(WriterProxy::next)
+    }
+
+    /// Whether all has come that a matched writer had to repeat for this reader, as its first HEARTBEAT since the match
+    /// says; so has what nobody keeps for those that come late.
+    pub fn has_history_of(&self, writer: Guid) -> bool {
+        let proxy = self.proxies.get(writer);
+        proxy.is_some_and(WriterProxy::has_history)
+    }
+
+    /// Whether all history has come of all writers that are matched now (`wait_for_historical_data`).
+    pub fn is_history_complete(&self) -> bool {
+        self.proxies
+            .keys()
+            .all(|writer| self.has_history_of(writer))
     }
 
     /// Something has come from a writer; returns the place of its proxy.

@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use super::acknack::Responder;
 use super::cache::Cache;
@@ -37,10 +37,15 @@ pub(super) struct WriterProxy {
     /// Where its answers go.
     pub(super) destinations: Option<Arc<[SocketAddr]>>,
     pub(super) lease: Lease,
+    lifespan: Option<Duration>,
     pub(super) reassembly: Reassembly,
     pub(super) responder: Responder,
     pub(super) filter: HeartbeatFilter,
     reliable: bool,
+    /// The writer keeps history for this reader.
+    has_past: bool,
+    /// The highest number of the first HEARTBEAT: where that history ends.
+    past: SequenceNumber,
     /// The reader is VOLATILE and the writer keeps history for readers that are not.
     skips_history: bool,
     next: SequenceNumber,
@@ -71,10 +76,15 @@ impl WriterProxy {
             guid: remote.guid,
             destinations: destinations(remote),
             lease: Lease::new(now, remote.qos.liveliness),
+            lifespan: remote.qos.lifespan.0.to_std(),
             reassembly: Reassembly::new(config.max_sample_size, reliable),
             responder: Responder::default(),
             filter: HeartbeatFilter::default(),
             reliable,
+            has_past: reliable
+                && config.qos.durability != Durability::Volatile
+                && remote.qos.durability != Durability::Volatile,
+            past: SequenceNumber::ZERO,
             skips_history: config.qos.durability == Durability::Volatile
                 && remote.qos.durability != Durability::Volatile,
             next: SequenceNumber(1),
@@ -96,6 +106,7 @@ impl WriterProxy {
     pub(super) fn update(&mut self, remote: &RemoteEndpoint) {
         self.destinations = destinations(remote);
         self.lease.update(remote.qos.liveliness);
+        self.lifespan = remote.qos.lifespan.0.to_std();
     }
 
     /// Goes on at `next`, with ACKNACKs counted from `count`; 1 or less is no progress to go on from.
@@ -118,6 +129,11 @@ impl WriterProxy {
 
     pub(super) fn has_heard(&self) -> bool {
         self.heard
+    }
+
+    /// Whether all has come that the writer had to repeat.
+    pub(super) fn has_history(&self) -> bool {
+        !self.has_past || (self.heard && self.next > self.past)
     }
 
     /// The number below which all is dealt with.
@@ -206,7 +222,7 @@ impl WriterProxy {
         self.note_size(payload.as_slice().len());
         match arrival.meaning(config, payload.as_slice()) {
             Meaning::Update(instance) => {
-                let change = arrival.to_change(instance, payload.into_bytes());
+                let change = arrival.to_change(instance, payload.into_bytes(), self.lifespan);
                 self.accept(change, cache, events);
             }
             Meaning::Irrelevant => self.skip(arrival.sequence, cache, events),
@@ -313,7 +329,9 @@ impl WriterProxy {
         cache: &mut Cache,
         events: &mut Events,
     ) -> bool {
-        self.heard = true;
+        if !std::mem::replace(&mut self.heard, true) {
+            self.past = heartbeat.last;
+        }
         if !self.started {
             self.start(heartbeat);
         } else if !self.filter.is_believable(heartbeat, self.highest) {

@@ -3,7 +3,6 @@
 //! Only max_instances and DEADLINE need to know them; writers without either keep no book.
 
 use std::collections::HashMap;
-use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
 use super::{WriteError, Writer};

@@ -273,6 +273,10 @@ impl Link for KernelLink {
         self.channels.disarm();
     }
 
+    fn has_news(&self, now: Instant) -> bool {
+        self.is_lost || self.control.has_news(now)
+    }
+
     fn poll_timeout(&self) -> Option<Instant> {
         self.control.poll_timeout()
     }

@@ -3,20 +3,6 @@
 use super::*;
 use crate::qos::{History, ResourceLimits};
 
-const ALIVE: StatusInfo = StatusInfo {
-    disposed: false,
-    unregistered: false,
-    filtered: false,
-};
-const DISPOSED: StatusInfo = StatusInfo {
-    disposed: true,
-    ..ALIVE
-};
-const UNREGISTERED: StatusInfo = StatusInfo {
-    unregistered: true,
-    ..ALIVE
-};
-
 fn keep_last(depth: u32) -> Qos {
     Qos {
         history: History::KeepLast(depth),

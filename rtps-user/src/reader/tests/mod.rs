@@ -4,17 +4,38 @@ mod acknack;
 mod best_effort;
 mod cache;
 mod fragments;
+mod lifecycle;
+mod lifespan;
 mod liveliness;
+mod ownership;
 mod random;
 mod reliable;
+mod separation;
+mod source_order;
+mod walk;
 
 use std::time::{Duration, Instant};
 
 use super::*;
 use crate::qos::{Durability, Reliability};
+use crate::wire;
 use crate::wire::{
     AckNack, EntityId, EntityKind, InlineQos, KeyHash, MessageReceiver, NackFrag, PayloadKind,
     SequenceNumberSet, StatusInfo, Submessage,
+};
+
+const ALIVE: StatusInfo = StatusInfo {
+    disposed: false,
+    unregistered: false,
+    filtered: false,
+};
+const DISPOSED: StatusInfo = StatusInfo {
+    disposed: true,
+    ..ALIVE
+};
+const UNREGISTERED: StatusInfo = StatusInfo {
+    unregistered: true,
+    ..ALIVE
 };
 
 const READER_PREFIX: GuidPrefix = GuidPrefix([1; 12]);
@@ -58,6 +79,10 @@ fn remote(guid: Guid, qos: Qos) -> RemoteEndpoint {
     }
 }
 
+fn millis(millis: u64) -> wire::Duration {
+    wire::Duration::from_std(Duration::from_millis(millis))
+}
+
 /// What a reader answered.
 #[derive(Clone, Debug, PartialEq)]
 enum Answer {
@@ -73,6 +98,8 @@ struct Bench {
     now: Instant,
     writer: Guid,
     heartbeats: i32,
+    /// The source timestamp of what is written.
+    timestamp: Option<Timestamp>,
 }
 
 impl Bench {
@@ -100,7 +127,15 @@ impl Bench {
             now: Instant::now(),
             writer: writer(1),
             heartbeats: 0,
+            timestamp: None,
         }
+    }
+
+    /// What follows comes from the `index`-th writer, matched now or with other policies than before.
+    fn switch_to(&mut self, index: u8, qos: Qos) {
+        self.writer = writer(index);
+        let known = remote(self.writer, qos);
+        self.reader.match_writer(self.now, &known);
     }
 
     fn wait(&mut self, millis: u64) {
@@ -140,7 +175,8 @@ impl Bench {
             kind,
             payload,
         };
-        self.reader.handle_data(self.now, self.writer, None, &data);
+        self.reader
+            .handle_data(self.now, self.writer, self.timestamp, &data);
     }
 
     /// GAP of `start..base` and `members`.

@@ -1,5 +1,7 @@
 //! What a DATA says of its change beside the payload: the inline QoS (RTPS 2.5 sections 8.7.9 and 9.6.4).
 
+use std::hash::{Hash, Hasher};
+
 use serde::{Deserialize, Serialize};
 
 use crate::wire::{
@@ -8,10 +10,15 @@ use crate::wire::{
 };
 
 /// The 16 bytes that name an instance (RTPS 9.6.4.8): its big-endian key, zero-padded, or the MD5 of it.
-#[derive(
-    Clone, Copy, Debug, Default, Deserialize, Eq, Hash, Ord, PartialEq, PartialOrd, Serialize,
-)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, Ord, PartialEq, PartialOrd, Serialize)]
 pub struct KeyHash(pub [u8; 16]);
+
+/// All of it at once.
+impl Hash for KeyHash {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        state.write_u128(u128::from_ne_bytes(self.0));
+    }
+}
 
 /// StatusInfo_t (RTPS 9.6.4.9): what happened to the instance.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
