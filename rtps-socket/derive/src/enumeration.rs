@@ -4,7 +4,8 @@ use proc_macro2::TokenStream;
 use quote::{format_ident, quote};
 use syn::{DataEnum, DeriveInput, Error, Ident};
 
-use crate::attributes::{TypeAttributes, VariantAttributes};
+use crate::attributes::{TypeAttributes, VariantAttributes, idl_name};
+use crate::description;
 
 pub(crate) fn expand(
     input: &DeriveInput,
@@ -14,8 +15,11 @@ pub(crate) fn expand(
     let cdr = crate::cdr();
     let ident = &input.ident;
     let type_name = attributes.type_name(ident);
-    let holder = holder(attributes)?;
+    let bit_bound = bit_bound(attributes)?;
+    let holder = holder(bit_bound);
     let default = default_literal(data)?;
+    let definition = definition(attributes, data, bit_bound, default)?;
+    let describe = description::function(&type_name, Some(&definition));
     let literals: Vec<_> = data.variants.iter().map(|variant| &variant.ident).collect();
     let first = &data.variants[0].ident;
     let initial = default.unwrap_or(first);
@@ -54,24 +58,59 @@ pub(crate) fn expand(
             fn add_key_size(size: &mut #cdr::KeySize) {
                 <#holder as #cdr::CdrType>::add_key_size(size);
             }
+
+            #describe
         }
     })
 }
 
-/// The integer that the bit bound selects, XTypes 7.4.3.5.
-fn holder(attributes: &TypeAttributes) -> syn::Result<Ident> {
+fn bit_bound(attributes: &TypeAttributes) -> syn::Result<u16> {
     let Some(literal) = &attributes.bit_bound else {
-        return Ok(format_ident!("i32"));
+        return Ok(32);
     };
     match literal.base10_parse()? {
-        1..=8u32 => Ok(format_ident!("i8")),
-        9..=16 => Ok(format_ident!("i16")),
-        17..=32 => Ok(format_ident!("i32")),
+        bound @ 1..=32 => Ok(bound),
         _ => Err(Error::new_spanned(
             literal,
             "the bit bound of an enumeration is 1 to 32",
         )),
     }
+}
+
+/// The integer that the bit bound selects, XTypes 7.4.3.5.
+fn holder(bit_bound: u16) -> Ident {
+    match bit_bound {
+        0..=8 => format_ident!("i8"),
+        9..=16 => format_ident!("i16"),
+        _ => format_ident!("i32"),
+    }
+}
+
+fn definition(
+    attributes: &TypeAttributes,
+    data: &DataEnum,
+    bit_bound: u16,
+    default: Option<&Ident>,
+) -> syn::Result<TokenStream> {
+    let cdr = crate::cdr();
+    let extensibility = attributes.extensibility;
+    let literals = data.variants.iter().map(|variant| {
+        let ident = &variant.ident;
+        let attributes = VariantAttributes::parse(&variant.attrs)?;
+        let name = idl_name(attributes.name.as_ref(), ident);
+        let is_default = default == Some(ident);
+        Ok(quote! {
+            #cdr::Literal { name: #name, value: Self::#ident as i32, default: #is_default }
+        })
+    });
+    let literals = literals.collect::<syn::Result<Vec<_>>>()?;
+    Ok(quote! {
+        #cdr::Definition::Enum {
+            extensibility: #extensibility,
+            bit_bound: #bit_bound,
+            literals: ::std::vec![#(#literals),*],
+        }
+    })
 }
 
 fn default_literal(data: &DataEnum) -> syn::Result<Option<&Ident>> {

@@ -3,6 +3,8 @@
 use std::collections::{BTreeMap, HashMap};
 use std::hash::{BuildHasher, Hash};
 
+use rtps_user::xtypes::{TypeBuilder, TypePair};
+
 use super::{Bounded, CdrType, DecodeError, Decoder, EncodeError, Encoder, KeySize, LengthCode};
 
 /// An IDL `string`: its length with the NUL, the characters, the NUL.
@@ -41,6 +43,10 @@ impl CdrType for String {
     fn add_key_size(size: &mut KeySize) {
         size.add_unbounded();
     }
+
+    fn describe(_: &mut TypeBuilder) -> Option<TypePair> {
+        Some(TypePair::string(false, 0))
+    }
 }
 
 impl Bounded for String {
@@ -51,6 +57,10 @@ impl Bounded for String {
     fn add_bounded_key_size(size: &mut KeySize, bound: usize) {
         size.add(4, 1);
         size.add(1, bound.saturating_add(1));
+    }
+
+    fn describe_bounded(_: &mut TypeBuilder, bound: u32) -> Option<TypePair> {
+        Some(TypePair::string(false, bound))
     }
 }
 
@@ -84,6 +94,10 @@ impl<T: CdrType> CdrType for Vec<T> {
     fn add_key_size(size: &mut KeySize) {
         size.add_unbounded();
     }
+
+    fn describe(types: &mut TypeBuilder) -> Option<TypePair> {
+        Some(T::describe(types)?.sequence(0))
+    }
 }
 
 impl<T: CdrType> Bounded for Vec<T> {
@@ -95,6 +109,10 @@ impl<T: CdrType> Bounded for Vec<T> {
         size.add_delimiter(T::IS_PRIMITIVE);
         size.add(4, 1);
         size.add_repeated(bound, T::add_key_size);
+    }
+
+    fn describe_bounded(types: &mut TypeBuilder, bound: u32) -> Option<TypePair> {
+        Some(T::describe(types)?.sequence(bound))
     }
 }
 
@@ -122,6 +140,10 @@ impl<T: CdrType, const N: usize> CdrType for [T; N] {
     fn add_key_size(size: &mut KeySize) {
         size.add_delimiter(T::LEAF_IS_PRIMITIVE);
         size.add_repeated(N, T::add_key_size);
+    }
+
+    fn describe(types: &mut TypeBuilder) -> Option<TypePair> {
+        Some(T::describe(types)?.array(u32::try_from(N).ok()?))
     }
 
     fn encode_flat(&self, encoder: &mut Encoder<'_>) -> Result<(), EncodeError> {
@@ -161,6 +183,10 @@ impl<T: CdrType> CdrType for Box<T> {
 
     fn add_key_size(size: &mut KeySize) {
         T::add_key_size(size);
+    }
+
+    fn describe(types: &mut TypeBuilder) -> Option<TypePair> {
+        T::describe(types)
     }
 
     fn encode_flat(&self, encoder: &mut Encoder<'_>) -> Result<(), EncodeError> {
@@ -206,6 +232,10 @@ macro_rules! map {
             fn add_key_size(size: &mut KeySize) {
                 size.add_unbounded();
             }
+
+            fn describe(types: &mut TypeBuilder) -> Option<TypePair> {
+                Some(K::describe(types)?.map_to(V::describe(types)?, 0))
+            }
         }
 
         impl<K: CdrType, V: CdrType $(, $hasher)?> Bounded for $map<K, V $(, $hasher)?> {
@@ -220,6 +250,10 @@ macro_rules! map {
                     K::add_key_size(size);
                     V::add_key_size(size);
                 });
+            }
+
+            fn describe_bounded(types: &mut TypeBuilder, bound: u32) -> Option<TypePair> {
+                Some(K::describe(types)?.map_to(V::describe(types)?, bound))
             }
         }
     };

@@ -1,5 +1,7 @@
 //! Primitive types, and runs of them: one copy where the byte order is this machine's.
 
+use rtps_user::xtypes::{TypeBuilder, TypeKind, TypePair};
+
 use super::{ByteOrder, CdrType, DecodeError, Decoder, EncodeError, Encoder, KeySize, LengthCode};
 
 /// A number as it stands on the wire.
@@ -72,7 +74,7 @@ macro_rules! primitive {
 }
 
 macro_rules! cdr_number {
-    ($($type:ty)*) => {$(
+    ($($type:ty = $kind:ident)*) => {$(
         impl CdrType for $type {
             const IS_PRIMITIVE: bool = true;
             const MIN_SIZE: usize = size_of::<$type>();
@@ -95,6 +97,10 @@ macro_rules! cdr_number {
                 size.add(size_of::<$type>(), 1);
             }
 
+            fn describe(_: &mut TypeBuilder) -> Option<TypePair> {
+                Some(TypePair::primitive(TypeKind::$kind))
+            }
+
             fn encode_slice(items: &[Self], encoder: &mut Encoder<'_>) -> Result<(), EncodeError> {
                 encoder.put_all(items);
                 Ok(())
@@ -112,7 +118,18 @@ macro_rules! cdr_number {
 }
 
 primitive!(i8 i16 u16 i32 u32 i64 u64 f32 f64);
-cdr_number!(u8 i8 i16 u16 i32 u32 i64 u64 f32 f64);
+cdr_number!(
+    u8 = UINT8
+    i8 = INT8
+    i16 = INT16
+    u16 = UINT16
+    i32 = INT32
+    u32 = UINT32
+    i64 = INT64
+    u64 = UINT64
+    f32 = FLOAT32
+    f64 = FLOAT64
+);
 
 impl Primitive for u8 {
     const SIZE: usize = 1;
@@ -167,6 +184,10 @@ impl CdrType for bool {
     fn add_key_size(size: &mut KeySize) {
         size.add(1, 1);
     }
+
+    fn describe(_: &mut TypeBuilder) -> Option<TypePair> {
+        Some(TypePair::primitive(TypeKind::BOOLEAN))
+    }
 }
 
 /// An IDL `char`: one byte, of ISO 8859-1.
@@ -191,5 +212,9 @@ impl CdrType for char {
 
     fn add_key_size(size: &mut KeySize) {
         size.add(1, 1);
+    }
+
+    fn describe(_: &mut TypeBuilder) -> Option<TypePair> {
+        Some(TypePair::primitive(TypeKind::CHAR8))
     }
 }

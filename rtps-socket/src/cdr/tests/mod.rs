@@ -4,6 +4,7 @@ mod evolution;
 mod hostile;
 mod keys;
 mod round_trip;
+mod type_objects;
 mod vectors;
 
 use std::collections::{BTreeMap, HashMap};
