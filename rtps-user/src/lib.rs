@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 
 mod count;
+mod deadline;
 pub mod discovery;
 pub mod endpoints;
 pub mod filter;

@@ -187,6 +187,7 @@ impl Core {
 
     /// Asserts the liveliness of all writers that want the app to do so.
     pub(crate) fn assert_liveliness(&mut self, now: Instant) {
+        self.endpoints.assert_liveliness(now);
         self.link.request(now, ToLayer::AssertLiveliness);
     }
 

@@ -91,66 +91,20 @@ impl Core {
     }
 
     pub(super) fn handle_event(&mut self, event: EndpointEvent) {
-        let (id, event) = match event {
+        match event {
             EndpointEvent::DataAvailable(id) => {
                 self.batching.expect_answer();
-                return self.on_entity(id, |entity, audience| entity.data_available(audience));
+                self.on_entity(id, |entity, audience| entity.data_available(audience));
             }
             EndpointEvent::Acknowledged(id) => {
-                return self.on_entity(id, |entity, audience| entity.wake(audience));
+                self.on_entity(id, |entity, audience| entity.wake(audience));
             }
-            EndpointEvent::LivelinessLost(writer) => {
-                (writer, StatusEvent::LivelinessLost { total: 0 })
+            event => {
+                if let Some((id, event)) = status_of(event) {
+                    self.on_entity(id, |entity, audience| entity.report(event, audience));
+                }
             }
-            EndpointEvent::SampleLost {
-                reader,
-                writer,
-                count,
-            } => (
-                reader,
-                StatusEvent::SampleLost {
-                    count,
-                    total: 0,
-                    writer,
-                },
-            ),
-            EndpointEvent::SampleRejected {
-                reader,
-                writer,
-                instance,
-                reason,
-            } => (
-                reader,
-                StatusEvent::SampleRejected {
-                    reason,
-                    instance,
-                    total: 0,
-                    writer,
-                },
-            ),
-            EndpointEvent::DeadlineMissed { reader, instance } => (
-                reader,
-                StatusEvent::RequestedDeadlineMissed { instance, total: 0 },
-            ),
-            EndpointEvent::LivelinessChanged {
-                reader,
-                writer,
-                alive_count,
-                alive_change,
-                not_alive_count,
-                not_alive_change,
-            } => (
-                reader,
-                StatusEvent::LivelinessChanged {
-                    alive: alive_count,
-                    alive_change,
-                    not_alive: not_alive_count,
-                    not_alive_change,
-                    writer,
-                },
-            ),
-        };
-        self.on_entity(id, |entity, audience| entity.report(event, audience));
+        }
     }
 
     fn report_incompatible(&mut self, local: EntityId, remote: Guid, policy: PolicyId) {
@@ -190,4 +144,63 @@ impl Core {
             act(entity, &mut self.audience);
         }
     }
+}
+
+/// The status that an event changes, and whose it is. Its total is counted later.
+fn status_of(event: EndpointEvent) -> Option<(EntityId, StatusEvent)> {
+    Some(match event {
+        EndpointEvent::DataAvailable(_) | EndpointEvent::Acknowledged(_) => return None,
+        EndpointEvent::LivelinessLost(writer) => (writer, StatusEvent::LivelinessLost { total: 0 }),
+        EndpointEvent::SampleLost {
+            reader,
+            writer,
+            count,
+        } => (
+            reader,
+            StatusEvent::SampleLost {
+                count,
+                total: 0,
+                writer,
+            },
+        ),
+        EndpointEvent::SampleRejected {
+            reader,
+            writer,
+            instance,
+            reason,
+        } => (
+            reader,
+            StatusEvent::SampleRejected {
+                reason,
+                instance,
+                total: 0,
+                writer,
+            },
+        ),
+        EndpointEvent::OfferedDeadlineMissed { writer, instance } => (
+            writer,
+            StatusEvent::OfferedDeadlineMissed { instance, total: 0 },
+        ),
+        EndpointEvent::DeadlineMissed { reader, instance } => (
+            reader,
+            StatusEvent::RequestedDeadlineMissed { instance, total: 0 },
+        ),
+        EndpointEvent::LivelinessChanged {
+            reader,
+            writer,
+            alive_count,
+            alive_change,
+            not_alive_count,
+            not_alive_change,
+        } => (
+            reader,
+            StatusEvent::LivelinessChanged {
+                alive: alive_count,
+                alive_change,
+                not_alive: not_alive_count,
+                not_alive_change,
+                writer,
+            },
+        ),
+    })
 }

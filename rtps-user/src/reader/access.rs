@@ -184,6 +184,7 @@ fn info(entry: &Entry, instance: &Instance) -> SampleInfo {
         writer: entry.writer,
         sequence: entry.sequence,
         source_timestamp: entry.timestamp,
+        group_sequence: entry.group_sequence,
         reception: entry.reception,
         sample_state: sample_state(entry),
         view_state: instance.view,
