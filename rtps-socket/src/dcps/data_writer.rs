@@ -13,6 +13,7 @@ use super::instance_of;
 use super::keys::Keys;
 use crate::cdr::{DdsType, EncodeError, Representation, key_payload, to_payload};
 use crate::error::{CreateError, SetQosError, WaitError, WriteError};
+use crate::filter::announced_filter;
 use crate::qos::{Qos, policies};
 use crate::socket::{RawChange, RawWriter, RtpsSocket, Template};
 
@@ -41,6 +42,7 @@ impl<T: DdsType> DataWriter<T> {
             Some(DataRepresentation::Xml) => return Err(CreateError::UnsupportedRepresentation),
         };
         template.type_information = T::type_information();
+        template.make_filter = Some(announced_filter::<T>);
         Ok(Self {
             writer: socket.create_writer_of(template, T::HAS_KEY)?,
             representation,

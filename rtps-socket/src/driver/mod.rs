@@ -36,7 +36,7 @@ use nix::sys::timerfd::{ClockId, TimerFd, TimerFlags};
 pub(crate) use self::audience::{EntityListener, GroupId, Listener};
 pub(crate) use self::batching::{Patience, PatienceCell};
 pub(crate) use self::core::Core;
-pub(crate) use self::entity::{Declaration, Inherits};
+pub(crate) use self::entity::{Declaration, Inherits, MakeFilter};
 pub(crate) use self::wait::Limit;
 
 use self::entity::Notice;

@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use rtps_user::RemoteEndpoint;
 use rtps_user::endpoints::EndpointEvent;
 use rtps_user::layer::protocol::FromLayer;
 use rtps_user::qos::PolicyId;
@@ -17,6 +18,7 @@ impl Core {
         match message {
             FromLayer::Matched { local, remote } => {
                 self.endpoints.match_remote(now, local, &remote);
+                self.apply_filter(local, &remote);
                 self.on_entity(local, |entity, audience| {
                     entity.add_match(remote.guid, audience)
                 });
@@ -53,6 +55,18 @@ impl Core {
             | FromLayer::FanOut { .. }
             | FromLayer::Channel { .. }
             | FromLayer::ChannelClosed { .. } => {}
+        }
+    }
+
+    /// Has a writer not send what a reader does not want, as far as that is understood.
+    fn apply_filter(&mut self, local: EntityId, remote: &RemoteEndpoint) {
+        let entity = self.entities.get(&local);
+        let Some(make_filter) = entity.and_then(|entity| entity.declaration.make_filter) else {
+            return;
+        };
+        let filter = remote.content_filter.as_ref().and_then(make_filter);
+        if let Some(writer) = self.endpoints.writer_mut(local) {
+            writer.set_reader_filter(remote.guid, filter);
         }
     }
 

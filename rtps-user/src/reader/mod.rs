@@ -38,7 +38,7 @@ mod timers;
 mod walk;
 mod writer_proxy;
 
-pub use config::{InstanceOf, PayloadFilter, ReaderConfig, ReaderTiming};
+pub use config::{InstanceOf, ReaderConfig, ReaderTiming};
 pub use event::{ReaderEvent, RejectedReason};
 pub use groups::GroupSet;
 pub use sample::{
@@ -48,6 +48,7 @@ pub use sample::{
 use std::collections::BTreeSet;
 use std::time::Instant;
 
+use crate::filter::PayloadFilter;
 use crate::qos::Qos;
 use crate::table::Table;
 use crate::wire::{
