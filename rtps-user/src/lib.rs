@@ -6,6 +6,7 @@
 #![forbid(unsafe_code)]
 
 mod count;
+mod deadline;
 pub mod discovery;
 pub mod endpoints;
 pub mod filter;
@@ -22,6 +23,7 @@ mod table;
 mod transmit;
 pub mod wire;
 pub mod writer;
+pub mod xtypes;
 
 pub use count::CountClock;
 pub use own_keys::{OwnKeyHasher, OwnKeys};

@@ -195,6 +195,7 @@ impl Core {
 
     /// Asserts the liveliness of all writers that want the app to do so.
     pub(crate) fn assert_liveliness(&mut self, now: Instant) {
+        self.endpoints.assert_liveliness(now);
         self.link.request(now, ToLayer::AssertLiveliness);
     }
 
@@ -206,6 +207,13 @@ impl Core {
     /// An endpoint that has been declared.
     pub(crate) fn entity_mut(&mut self, id: EntityId) -> Option<&mut Entity> {
         self.entities.get_mut(&id)
+    }
+
+    /// A task no longer waits for something to happen to an entity.
+    pub(crate) fn wake_no_more(&mut self, id: EntityId, waker: &Waker) {
+        if let Some(entity) = self.entities.get_mut(&id) {
+            entity.wake_no_more(waker);
+        }
     }
 
     /// Wakes a task when something happens to an entity, which somebody has to notice.

@@ -4,8 +4,9 @@ use std::collections::{HashSet, VecDeque};
 use std::sync::Arc;
 use std::task::Waker;
 
+use rtps_user::filter::PayloadFilter;
 use rtps_user::layer::protocol::Endpoint;
-use rtps_user::qos::Qos;
+use rtps_user::qos::{ContentFilter, Qos};
 use rtps_user::wire::Guid;
 
 use super::audience::{Audience, EntityListener, GroupId, Listener, Masked};
@@ -13,6 +14,9 @@ use crate::status::{EntityEvent, StatusEvent, StatusKind, StatusMask, Statuses};
 
 /// Status events kept for who asks; older ones give way.
 const KEPT_EVENTS: usize = 256;
+
+/// Understands the filter that a remote reader announces, if it can.
+pub(crate) type MakeFilter = fn(&ContentFilter) -> Option<PayloadFilter>;
 
 /// What an endpoint is created with.
 pub(crate) struct Declaration {
@@ -24,6 +28,8 @@ pub(crate) struct Declaration {
     pub(crate) inherits: Inherits,
     /// Whether the layer is told at once.
     pub(crate) is_enabled: bool,
+    /// How a writer understands what remote readers want; without it they are sent everything.
+    pub(crate) make_filter: Option<MakeFilter>,
 }
 
 /// The policies of a publisher or subscriber that hold for an endpoint, because it says nothing of them itself.
@@ -51,6 +57,8 @@ pub(crate) struct Entity {
     topic: Arc<str>,
     type_name: Arc<str>,
     pub(super) declaration: Declaration,
+    /// A reader whose coherent sets wait for their parts in others.
+    pub(super) stages_groups: bool,
     matched: HashSet<Guid>,
     pub(crate) statuses: Statuses,
     events: VecDeque<StatusEvent>,
@@ -91,6 +99,7 @@ impl Entity {
             topic: declaration.endpoint.topic.as_str().into(),
             type_name: declaration.endpoint.type_name.as_str().into(),
             declaration,
+            stages_groups: false,
             matched: HashSet::new(),
             statuses: Statuses::default(),
             events: VecDeque::new(),
@@ -151,6 +160,11 @@ impl Entity {
         if !self.wakers.iter().any(|known| known.will_wake(waker)) {
             self.wakers.push(waker.clone());
         }
+    }
+
+    /// Forgets a task that no longer waits.
+    pub(super) fn wake_no_more(&mut self, waker: &Waker) {
+        self.wakers.retain(|known| !known.will_wake(waker));
     }
 
     pub(super) fn wake(&mut self, audience: &mut Audience) {
@@ -273,6 +287,7 @@ mod tests {
             group,
             inherits: Inherits::default(),
             is_enabled: true,
+            make_filter: None,
         };
         Entity::new(guid, declaration)
     }

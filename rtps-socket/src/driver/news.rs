@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use rtps_user::RemoteEndpoint;
 use rtps_user::endpoints::EndpointEvent;
 use rtps_user::layer::protocol::FromLayer;
 use rtps_user::qos::PolicyId;
@@ -17,12 +18,14 @@ impl Core {
         match message {
             FromLayer::Matched { local, remote } => {
                 self.endpoints.match_remote(now, local, &remote);
+                self.apply_filter(local, &remote);
                 self.on_entity(local, |entity, audience| {
                     entity.add_match(remote.guid, audience)
                 });
             }
             FromLayer::Unmatched { local, remote } => {
                 self.endpoints.unmatch(now, local, remote);
+                self.review_group(local);
                 self.on_entity(local, |entity, audience| {
                     entity.remove_match(remote, audience)
                 });
@@ -55,6 +58,18 @@ impl Core {
         }
     }
 
+    /// Has a writer not send what a reader does not want, as far as that is understood.
+    fn apply_filter(&mut self, local: EntityId, remote: &RemoteEndpoint) {
+        let entity = self.entities.get(&local);
+        let Some(make_filter) = entity.and_then(|entity| entity.declaration.make_filter) else {
+            return;
+        };
+        let filter = remote.content_filter.as_ref().and_then(make_filter);
+        if let Some(writer) = self.endpoints.writer_mut(local) {
+            writer.set_reader_filter(remote.guid, filter);
+        }
+    }
+
     /// Ends all matches, which nobody would end any more, and says so.
     pub(super) fn lose_layer(&mut self, now: Instant) {
         self.is_lost = true;
@@ -77,66 +92,21 @@ impl Core {
     }
 
     pub(super) fn handle_event(&mut self, event: EndpointEvent) {
-        let (id, event) = match event {
+        match event {
             EndpointEvent::DataAvailable(id) => {
                 self.batching.expect_answer();
-                return self.on_entity(id, |entity, audience| entity.data_available(audience));
+                self.review_group(id);
+                self.on_entity(id, |entity, audience| entity.data_available(audience));
             }
             EndpointEvent::Acknowledged(id) => {
-                return self.on_entity(id, |entity, audience| entity.wake(audience));
+                self.on_entity(id, |entity, audience| entity.wake(audience));
             }
-            EndpointEvent::LivelinessLost(writer) => {
-                (writer, StatusEvent::LivelinessLost { total: 0 })
+            event => {
+                if let Some((id, event)) = status_of(event) {
+                    self.on_entity(id, |entity, audience| entity.report(event, audience));
+                }
             }
-            EndpointEvent::SampleLost {
-                reader,
-                writer,
-                count,
-            } => (
-                reader,
-                StatusEvent::SampleLost {
-                    count,
-                    total: 0,
-                    writer,
-                },
-            ),
-            EndpointEvent::SampleRejected {
-                reader,
-                writer,
-                instance,
-                reason,
-            } => (
-                reader,
-                StatusEvent::SampleRejected {
-                    reason,
-                    instance,
-                    total: 0,
-                    writer,
-                },
-            ),
-            EndpointEvent::DeadlineMissed { reader, instance } => (
-                reader,
-                StatusEvent::RequestedDeadlineMissed { instance, total: 0 },
-            ),
-            EndpointEvent::LivelinessChanged {
-                reader,
-                writer,
-                alive_count,
-                alive_change,
-                not_alive_count,
-                not_alive_change,
-            } => (
-                reader,
-                StatusEvent::LivelinessChanged {
-                    alive: alive_count,
-                    alive_change,
-                    not_alive: not_alive_count,
-                    not_alive_change,
-                    writer,
-                },
-            ),
-        };
-        self.on_entity(id, |entity, audience| entity.report(event, audience));
+        }
     }
 
     fn report_incompatible(&mut self, local: EntityId, remote: Guid, policy: PolicyId) {
@@ -176,4 +146,63 @@ impl Core {
             act(entity, &mut self.audience);
         }
     }
+}
+
+/// The status that an event changes, and whose it is. Its total is counted later.
+fn status_of(event: EndpointEvent) -> Option<(EntityId, StatusEvent)> {
+    Some(match event {
+        EndpointEvent::DataAvailable(_) | EndpointEvent::Acknowledged(_) => return None,
+        EndpointEvent::LivelinessLost(writer) => (writer, StatusEvent::LivelinessLost { total: 0 }),
+        EndpointEvent::SampleLost {
+            reader,
+            writer,
+            count,
+        } => (
+            reader,
+            StatusEvent::SampleLost {
+                count,
+                total: 0,
+                writer,
+            },
+        ),
+        EndpointEvent::SampleRejected {
+            reader,
+            writer,
+            instance,
+            reason,
+        } => (
+            reader,
+            StatusEvent::SampleRejected {
+                reason,
+                instance,
+                total: 0,
+                writer,
+            },
+        ),
+        EndpointEvent::OfferedDeadlineMissed { writer, instance } => (
+            writer,
+            StatusEvent::OfferedDeadlineMissed { instance, total: 0 },
+        ),
+        EndpointEvent::DeadlineMissed { reader, instance } => (
+            reader,
+            StatusEvent::RequestedDeadlineMissed { instance, total: 0 },
+        ),
+        EndpointEvent::LivelinessChanged {
+            reader,
+            writer,
+            alive_count,
+            alive_change,
+            not_alive_count,
+            not_alive_change,
+        } => (
+            reader,
+            StatusEvent::LivelinessChanged {
+                alive: alive_count,
+                alive_change,
+                not_alive: not_alive_count,
+                not_alive_change,
+                writer,
+            },
+        ),
+    })
 }

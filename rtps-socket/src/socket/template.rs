@@ -7,7 +7,7 @@ use rtps_user::qos::{ContentFilter, DataRepresentation, History};
 use rtps_user::wire::{EntityId, EntityKind};
 
 use super::Group;
-use crate::driver::{Declaration, Inherits};
+use crate::driver::{Declaration, Inherits, MakeFilter};
 use crate::error::CreateError;
 use crate::filter::PayloadFilter;
 use crate::link::encode;
@@ -24,6 +24,8 @@ pub(crate) struct Template {
     pub(crate) content_filter: Option<ContentFilter>,
     /// The same, for the reader itself.
     pub(crate) payload_filter: Option<PayloadFilter>,
+    /// How a writer understands what remote readers want.
+    pub(crate) make_filter: Option<MakeFilter>,
     pub(crate) qos: policies::Qos,
     /// The publisher or subscriber, if that is not its own.
     pub(crate) group: Option<Arc<Group>>,
@@ -41,6 +43,7 @@ impl Template {
             type_information: Vec::new(),
             content_filter: None,
             payload_filter: None,
+            make_filter: None,
             qos,
             group: None,
             inherits: Inherits::default(),
@@ -66,6 +69,7 @@ impl Template {
             group: self.group.map(|group| group.id()),
             inherits: self.inherits,
             is_enabled: self.is_enabled,
+            make_filter: self.make_filter,
         }
     }
 

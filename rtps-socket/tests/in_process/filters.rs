@@ -82,3 +82,58 @@ fn filters_that_fit_nothing_are_refused() {
     let named = participant.create_content_filtered_topic("", &topic, "x > 1", &[]);
     assert!(matches!(named, Err(FilterError::Refused(_))));
 }
+
+#[test]
+fn late_joiners_get_what_they_want_of_what_is_kept() {
+    let domain = support::own_network();
+    let (a, b) = (participant(domain), participant(domain));
+    let topic = a.create_topic::<Shape>("Square").unwrap();
+    let qos = || Qos::reliable().keep_all().transient_local();
+    let writer = a.create_writer(&topic, qos().xcdr2()).unwrap();
+    for x in 0..100 {
+        writer.write(&shape("BLUE", x, 2000)).unwrap();
+    }
+    let filtered = b
+        .create_content_filtered_topic("Some", &topic, "x BETWEEN 40 AND 42 OR x > %0", &["98"])
+        .unwrap();
+    let reader = b.create_reader(&filtered, qos().xcdr2()).unwrap();
+    let wanted = [40, 41, 42, 99].map(|x| ("BLUE".to_owned(), x));
+    assert_eq!([(); 4].map(|()| next(&reader)), wanted);
+    writer.wait_for_acknowledgments(LONG).unwrap();
+    assert!(reader.take().is_empty());
+}
+
+#[test]
+fn the_end_of_an_instance_is_judged_by_its_key() {
+    let domain = support::own_network();
+    let (a, b) = (participant(domain), participant(domain));
+    let topic = a.create_topic::<Shape>("Square").unwrap();
+    let qos = || Qos::reliable().keep_all();
+    let writer = a.create_writer(&topic, qos()).unwrap();
+    let filter = |name, expression| {
+        let topic = b.create_content_filtered_topic(name, &topic, expression, &[]);
+        b.create_reader(&topic.unwrap(), qos()).unwrap()
+    };
+    let by_key = filter("ByKey", "color LIKE 'B%'");
+    let by_value = filter("ByValue", "x = 1");
+    writer.wait_for_matched(2, LONG).unwrap();
+    for color in ["BLUE", "RED"] {
+        writer.write(&shape(color, 1, 0)).unwrap();
+        writer.dispose(&shape(color, 0, 0)).unwrap();
+    }
+    writer.wait_for_acknowledgments(LONG).unwrap();
+    let seen = |reader: &DataReader<Shape>| -> Vec<_> {
+        let samples = reader.take().into_iter();
+        let color = |key: Option<Shape>| key.map(|shape| shape.color);
+        samples
+            .map(|sample| (color(sample.data), color(sample.key)))
+            .collect()
+    };
+    let (data, end) = (
+        |color: &str| (Some(color.to_owned()), None),
+        |color: &str| (None, Some(color.to_owned())),
+    );
+    assert_eq!(seen(&by_key), [data("BLUE"), end("BLUE")]);
+    let all = [data("BLUE"), end("BLUE"), data("RED"), end("RED")];
+    assert_eq!(seen(&by_value), all);
+}

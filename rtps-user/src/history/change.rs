@@ -3,6 +3,7 @@
 use bytes::Bytes;
 
 use super::Membership;
+use crate::qos::WriterDataLifecycle;
 use crate::wire::{KeyHash, PayloadKind, SequenceNumber, StatusInfo, Timestamp};
 
 /// What a change does to its instance (ChangeKind_t, RTPS 8.2.3).
@@ -20,6 +21,15 @@ pub enum ChangeKind {
 }
 
 impl ChangeKind {
+    /// What a writer says that unregisters an instance (DDS 1.4 section 2.2.3.21).
+    pub fn unregistration(lifecycle: WriterDataLifecycle) -> Self {
+        if lifecycle.autodispose_unregistered_instances {
+            Self::DisposedUnregistered
+        } else {
+            Self::Unregistered
+        }
+    }
+
     /// The flags that stand in the inline QoS.
     pub fn status_info(self) -> StatusInfo {
         StatusInfo {

@@ -22,6 +22,8 @@ pub(super) enum Place {
     Late(u32),
     /// With an instance, unless a later one comes soon.
     Withheld(u32),
+    /// With the other changes of its coherent set.
+    Set,
     /// Nowhere: of the instance only its writer counts.
     Overlooked(u32),
     /// Nowhere: it changes nothing.
@@ -33,8 +35,8 @@ pub(super) enum Place {
 pub(super) struct Limits {
     pub(super) depth: Option<usize>,
     samples: usize,
-    instances: usize,
-    samples_per_instance: usize,
+    pub(super) instances: usize,
+    pub(super) samples_per_instance: usize,
 }
 
 impl Limits {
@@ -50,6 +52,12 @@ impl Limits {
             instances: number(qos.resource_limits.max_instances).min(MAX_INSTANCES),
             samples_per_instance,
         }
+    }
+
+    /// Whether there are limits beside max_samples.
+    pub(super) fn bounds_instances(&self) -> bool {
+        let is_bounded = self.samples_per_instance != usize::MAX && self.depth.is_none();
+        is_bounded || self.instances != MAX_INSTANCES
     }
 }
 
@@ -108,8 +116,8 @@ impl Cache {
         }
     }
 
-    fn admit_sample(&self) -> Result<(), RejectedReason> {
-        if self.valid_count >= self.limits.samples {
+    pub(super) fn admit_sample(&self) -> Result<(), RejectedReason> {
+        if self.valid_count + self.staged >= self.limits.samples {
             return Err(RejectedReason::Samples);
         }
         Ok(())

@@ -9,15 +9,16 @@ use std::time::Instant;
 
 use super::admission::{Limits, Place};
 use super::change::Change;
-use super::deadline::Deadlines;
 use super::entries::{Entries, Entry, List};
 use super::events::Events;
+use super::groups::Groups;
 use super::instance::Instance;
 use super::lifecycle::Lifecycle;
 use super::ownership::Strengths;
 use super::rules::Rules;
 use super::timers::Timers;
 use super::{InstanceState, ReaderConfig, ReaderEvent};
+use crate::deadline::Deadlines;
 use crate::qos::{Ownership, Qos};
 use crate::table::Table;
 use crate::wire::{Guid, KeyHash, StatusInfo};
@@ -36,6 +37,10 @@ pub(super) struct Cache {
     expiries: Timers<u32>,
     pub(super) valid_count: usize,
     pub(super) unread_count: usize,
+    /// Changes of coherent sets that wait, for which room is kept.
+    pub(super) staged: usize,
+    /// Parts of the sets of publishers, where somebody releases them.
+    pub(super) groups: Option<Groups>,
     /// Whether a content filter keeps samples out, so that there are instances that nothing is known of.
     pub(super) is_filtered: bool,
     /// Samples that have come before so many others are visible.
@@ -62,6 +67,8 @@ impl Cache {
             expiries: Timers::default(),
             valid_count: 0,
             unread_count: 0,
+            staged: 0,
+            groups: None,
             is_filtered: config.content_filter.is_some(),
             horizon: u64::MAX,
             walked: None,
@@ -91,7 +98,7 @@ impl Cache {
             Place::Late(instance) => return self.store_late(instance, change, events),
             Place::Withheld(instance) => return self.withhold(instance, change),
             Place::Overlooked(instance) => return self.overlook(instance, &change, events),
-            Place::Nowhere => return,
+            Place::Set | Place::Nowhere => return,
         };
         if self.rules.is_some() {
             self.apply_rules(instance, &change, events);
@@ -368,6 +375,7 @@ impl Cache {
             writer: change.writer,
             sequence: change.sequence,
             timestamp: change.timestamp,
+            group_sequence: change.membership.and_then(|membership| membership.sequence),
             reception: change.reception,
             expiry: change.expiry,
             disposed_generation: instance.disposed_generation,

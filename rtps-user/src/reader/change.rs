@@ -5,7 +5,9 @@ use std::time::{Duration, Instant};
 use bytes::Bytes;
 
 use super::ReaderConfig;
-use crate::wire::{Guid, InlineQos, KeyHash, PayloadKind, SequenceNumber, StatusInfo, Timestamp};
+use crate::wire::{
+    GroupDigest, Guid, InlineQos, KeyHash, PayloadKind, SequenceNumber, StatusInfo, Timestamp,
+};
 
 /// A change that is worth keeping.
 #[derive(Debug)]
@@ -20,6 +22,27 @@ pub(super) struct Change {
     pub(super) status: StatusInfo,
     pub(super) valid_data: bool,
     pub(super) payload: Bytes,
+    /// What it belongs to, where the reader cares.
+    pub(super) membership: Option<Box<Membership>>,
+}
+
+/// The coherent set and the group that a change belongs to (RTPS 2.5 sections 8.7.5 and 8.7.6).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Membership {
+    coherent_set: Option<SequenceNumber>,
+    /// Its number among the changes of its publisher.
+    pub(super) sequence: Option<SequenceNumber>,
+    /// The group sequence number that the publisher's set begins with.
+    pub(super) group_set: Option<SequenceNumber>,
+    /// The writers of the publisher.
+    pub(super) writers: Option<GroupDigest>,
+}
+
+impl Membership {
+    /// The first change of its set; `None` where it only says that there is none, or none any more.
+    pub(super) fn set(&self) -> Option<SequenceNumber> {
+        self.coherent_set.filter(|first| first.0 > 0)
+    }
 }
 
 impl Change {
@@ -38,7 +61,13 @@ impl Change {
             },
             valid_data: false,
             payload: Bytes::new(),
+            membership: None,
         }
+    }
+
+    /// Whether it is nothing to its instance.
+    pub(super) fn is_void(&self) -> bool {
+        !self.valid_data && self.status.is_alive()
     }
 }
 
@@ -133,7 +162,29 @@ impl Arrival {
             status: self.inline_qos.status,
             valid_data: self.kind == PayloadKind::Data,
             payload,
+            membership: None,
         }
+    }
+
+    /// A change in the place of one that is nothing to the reader, for what it says of coherent sets.
+    pub(super) fn to_void(&self) -> Change {
+        let change = self.to_change(KeyHash::default(), Bytes::new(), None);
+        Change {
+            status: StatusInfo::default(),
+            valid_data: false,
+            ..change
+        }
+    }
+
+    /// What the change belongs to, if anything.
+    pub(super) fn membership(&self) -> Option<Box<Membership>> {
+        let membership = Membership {
+            coherent_set: self.inline_qos.coherent_set,
+            sequence: self.inline_qos.group_sequence,
+            group_set: self.inline_qos.group_coherent_set,
+            writers: self.inline_qos.writer_group,
+        };
+        (membership != Membership::default()).then(|| Box::new(membership))
     }
 
     /// LIFESPAN counts from the reception: what a writer still sends is not over there, and how far its clock is off

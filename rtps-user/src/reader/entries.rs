@@ -18,6 +18,7 @@ pub(super) struct Entry {
     pub(super) writer: Guid,
     pub(super) sequence: SequenceNumber,
     pub(super) timestamp: Option<Timestamp>,
+    pub(super) group_sequence: Option<SequenceNumber>,
     pub(super) reception: Instant,
     pub(super) expiry: Option<Instant>,
     pub(super) disposed_generation: u32,

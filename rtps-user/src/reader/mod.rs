@@ -11,16 +11,19 @@ mod acknack;
 mod admission;
 mod cache;
 mod change;
+mod coherent;
 mod config;
-mod deadline;
 mod entries;
 mod event;
 mod events;
+mod groups;
 mod heartbeat_filter;
+mod held;
 mod instance;
 mod lifecycle;
 mod liveliness;
 mod ownership;
+mod query;
 mod ranges;
 mod reassembly;
 mod repair_time;
@@ -28,14 +31,16 @@ mod rules;
 mod sample;
 mod separation;
 mod source_order;
+mod staging;
 #[cfg(test)]
 mod tests;
 mod timers;
 mod walk;
 mod writer_proxy;
 
-pub use config::{InstanceOf, PayloadFilter, ReaderConfig, ReaderTiming};
+pub use config::{InstanceOf, ReaderConfig, ReaderTiming};
 pub use event::{ReaderEvent, RejectedReason};
+pub use groups::GroupSet;
 pub use sample::{
     InstanceState, Mask, Sample, SampleInfo, SampleState, Selection, State, ViewState,
 };
@@ -43,6 +48,7 @@ pub use sample::{
 use std::collections::BTreeSet;
 use std::time::Instant;
 
+use crate::filter::PayloadFilter;
 use crate::qos::Qos;
 use crate::table::Table;
 use crate::wire::{
@@ -143,7 +149,7 @@ impl Reader {
     /// Forgets a writer; what is held of it because something before it is missing, or because there was no
     /// room, is lost.
     pub fn unmatch_writer(&mut self, now: Instant, writer: Guid) {
-        let Some(proxy) = self.proxies.remove(writer) else {
+        let Some(mut proxy) = self.proxies.remove(writer) else {
             return;
         };
         self.messages.cancel((writer, Message::Greeting));
@@ -151,6 +157,9 @@ impl Reader {
         self.blocked.remove(&writer);
         self.count = self.count.max(proxy.responder.count());
         self.events.lost(writer, proxy.held_count() as u64);
+        if let Some(sets) = &mut proxy.sets {
+            sets.drop_open(&mut self.cache, &mut self.events);
+        }
         self.watch.end(writer, &proxy.lease, &mut self.events);
         self.cache.writer_unknown(now, writer, &mut self.events);
     }
@@ -208,8 +217,7 @@ impl Reader {
         }
         if data.sample_size as usize > self.config.max_sample_size {
             // Waiting for it would hold up all that follows.
-            proxy.skip(data.sequence, &mut self.cache, &mut self.events);
-            self.events.lost(writer, 1);
+            proxy.lose(data.sequence, &mut self.cache, &mut self.events);
             return;
         }
         proxy.note_size(data.sample_size as usize);
@@ -361,7 +369,10 @@ impl Reader {
                 self.messages.set((writer, message), at);
             }
             if sent && let Some(destinations) = proxy.destinations.clone() {
-                return Some(Transmit { destinations });
+                return Some(Transmit {
+                    destinations,
+                    dscp: 0,
+                });
             }
             out.truncate(start);
         }

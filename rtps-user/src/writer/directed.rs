@@ -145,6 +145,9 @@ impl Writer {
             return None;
         }
         let destinations = self.readers.get(&reader)?.address().clone();
-        Some(Transmit { destinations })
+        Some(Transmit {
+            destinations,
+            dscp: self.dscp,
+        })
     }
 }

@@ -2,8 +2,8 @@
 
 use std::fmt;
 
-use super::PayloadFilter;
 use crate::RemoteEndpoint;
+use crate::filter::PayloadFilter;
 use crate::history::CacheChange;
 
 /// The interest of one reader.

@@ -126,6 +126,7 @@ impl Writer {
         self.release();
         is_sent.then(|| Transmit {
             destinations: self.destinations.clone(),
+            dscp: self.dscp,
         })
     }
 

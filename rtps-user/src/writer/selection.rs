@@ -6,9 +6,10 @@
 
 use std::time::Instant;
 
+use super::Writer;
 use super::heartbeat::Sent;
-use super::{PayloadFilter, Writer};
 use crate::Transmit;
+use crate::filter::PayloadFilter;
 use crate::wire::{Guid, SequenceNumber};
 
 /// How far is known what readers want.

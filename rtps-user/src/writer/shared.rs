@@ -98,7 +98,10 @@ impl Writer {
         }
         self.ask_again(now, &mut packet);
         let destinations = self.addresses_of(&shared.readers);
-        packet.finish().then_some(Transmit { destinations })
+        packet.finish().then_some(Transmit {
+            destinations,
+            dscp: self.dscp,
+        })
     }
 
     /// The readers can say at once what got lost again.

@@ -5,6 +5,7 @@ mod fields;
 mod hostile;
 mod keys;
 mod round_trip;
+mod type_objects;
 mod vectors;
 
 use std::collections::{BTreeMap, HashMap};

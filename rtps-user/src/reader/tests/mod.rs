@@ -3,6 +3,7 @@
 mod acknack;
 mod best_effort;
 mod cache;
+mod coherent;
 mod fragments;
 mod lifecycle;
 mod lifespan;

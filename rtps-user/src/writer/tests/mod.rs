@@ -2,6 +2,7 @@
 
 mod coherent;
 mod flow;
+mod policies;
 mod selection;
 mod shared;
 

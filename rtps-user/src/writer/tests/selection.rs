@@ -1,6 +1,7 @@
 //! Readers that do not want everything.
 
 use super::*;
+use crate::filter::PayloadFilter;
 use crate::wire::PayloadKind;
 
 /// Wants the payloads that begin with that byte.
