@@ -28,8 +28,9 @@ mod sys;
 
 pub use bytes::Bytes;
 pub use dcps::{
-    Access, CoherentChanges, ContentFilteredTopic, DataReader, DataWriter, DomainParticipant,
-    Publisher, Sample, Samples, Subscriber, Topic, TopicDescription,
+    Access, CoherentChanges, Condition, ContentFilteredTopic, DataReader, DataWriter,
+    DomainParticipant, GuardCondition, Publisher, QueryCondition, ReadCondition, Sample, Samples,
+    StatusCondition, Subscriber, Topic, TopicDescription, WaitSet,
 };
 pub use link::{LayerChoice, LayerKind};
 pub use qos::Qos;

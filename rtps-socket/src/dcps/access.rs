@@ -7,10 +7,13 @@ use std::sync::Arc;
 use rtps_user::reader::{self, InstanceOf, InstanceState, Selection};
 use rtps_user::wire::{KeyHash, PayloadKind};
 
-use super::{DataReader, Sample, instance_of};
+use super::content_filtered_topic::compiled;
+use super::{DataReader, QueryCondition, ReadCondition, Sample, instance_of};
 use crate::cdr::{
     DdsType, DecodeError, Encapsulation, Representation, from_key_payload, from_payload,
 };
+use crate::error::FilterError;
+use crate::socket::Trigger;
 use crate::status::StatusEvent;
 
 /// Whether samples stay in the reader.
@@ -54,6 +57,44 @@ impl<T: DdsType> DataReader<T> {
         self.next_instance(previous, Form::Take, |previous| {
             self.reader.take_next_instance(previous, max, selection)
         })
+    }
+
+    /// Takes up to `max` samples that have made a condition of this reader true.
+    pub fn take_query(&self, max: usize, condition: &QueryCondition) -> Vec<Sample<T>> {
+        let (selection, filter) = (condition.selection(), condition.filter());
+        self.decode_all(self.reader.take_where(max, selection, filter), Form::Take)
+    }
+
+    /// Reads up to `max` samples that have made a condition of this reader true.
+    pub fn read_query(&self, max: usize, condition: &QueryCondition) -> Vec<Sample<T>> {
+        let (selection, filter) = (condition.selection(), condition.filter());
+        self.decode_all(self.reader.read_where(max, selection, filter), Form::Read)
+    }
+
+    /// A condition that is true while there are samples of a selection.
+    pub fn read_condition(&self, selection: Selection) -> ReadCondition {
+        ReadCondition::new(self.reader.watch(Trigger::Read(selection)), selection)
+    }
+
+    /// A condition that is true while there are samples of a selection for which an expression of DDS 1.4 annex B is;
+    /// `parameters` stand for `%0`, `%1` and so on in it. News of instances that come without key count, too.
+    ///
+    /// # Errors
+    /// When the expression is none, or does not fit the type.
+    pub fn query_condition(
+        &self,
+        selection: Selection,
+        expression: &str,
+        parameters: &[&str],
+    ) -> Result<QueryCondition, FilterError> {
+        let parameters: Vec<_> = parameters.iter().map(|text| (*text).to_owned()).collect();
+        let filter = compiled::<T>(expression, &parameters)?;
+        let trigger = Trigger::Query(selection, Arc::clone(&filter));
+        Ok(QueryCondition::new(
+            self.reader.watch(trigger),
+            selection,
+            filter,
+        ))
     }
 
     /// Reads all samples that have not been read before.

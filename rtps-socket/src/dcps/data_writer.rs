@@ -127,24 +127,36 @@ impl<T: DdsType> DataWriter<T> {
         Ok(sequence)
     }
 
-    /// The handle of the instance that `value` belongs to, for the methods that take one. Writing needs none.
+    /// Registers the instance that `value` belongs to, which writing does as well, and gives its handle.
     ///
     /// # Errors
-    /// When the topic has no key, or the key cannot be serialized.
+    /// When the topic has no key, the key cannot be serialized, or max_instances leaves no place.
     pub fn register_instance(&self, value: &T) -> Result<KeyHash, WriteError> {
         if !T::HAS_KEY {
             return Err(WriteError::NoKey);
         }
         let instance = instance_of(value, self.representation, &mut Vec::new())?;
+        self.writer.register_instance(instance)?;
         // The app names them one by one, and unregisters them.
         self.keys.note(instance, value, |_| {});
         Ok(instance)
     }
 
-    /// The handle of the instance that `value` belongs to, if it has been registered.
+    /// The handle of the instance that `value` belongs to, if it has been registered or written and not been
+    /// unregistered. Where neither max_instances nor DEADLINE asks for a book of them, what was written counts as
+    /// long as it is in the history.
     pub fn lookup_instance(&self, value: &T) -> Option<KeyHash> {
+        if !T::HAS_KEY {
+            return None;
+        }
         let instance = instance_of(value, self.representation, &mut Vec::new()).ok()?;
-        self.keys.contains(instance).then_some(instance)
+        if !self.keys.contains(instance) {
+            if !self.writer.is_registered(instance) {
+                return None;
+            }
+            self.keys.note(instance, value, |_| {});
+        }
+        Some(instance)
     }
 
     /// A value of which only the key members are set, those of a registered instance.

@@ -201,6 +201,13 @@ impl Core {
         self.entities.get_mut(&id)
     }
 
+    /// A task no longer waits for something to happen to an entity.
+    pub(crate) fn wake_no_more(&mut self, id: EntityId, waker: &Waker) {
+        if let Some(entity) = self.entities.get_mut(&id) {
+            entity.wake_no_more(waker);
+        }
+    }
+
     /// Wakes a task when something happens to an entity, which somebody has to notice.
     pub(crate) fn wake_later(&mut self, id: EntityId, waker: &Waker) {
         if let Some(entity) = self.entities.get_mut(&id) {

@@ -57,6 +57,8 @@ pub(crate) struct Entity {
     topic: Arc<str>,
     type_name: Arc<str>,
     pub(super) declaration: Declaration,
+    /// A reader whose coherent sets wait for their parts in others.
+    pub(super) stages_groups: bool,
     matched: HashSet<Guid>,
     pub(crate) statuses: Statuses,
     events: VecDeque<StatusEvent>,
@@ -97,6 +99,7 @@ impl Entity {
             topic: declaration.endpoint.topic.as_str().into(),
             type_name: declaration.endpoint.type_name.as_str().into(),
             declaration,
+            stages_groups: false,
             matched: HashSet::new(),
             statuses: Statuses::default(),
             events: VecDeque::new(),
@@ -157,6 +160,11 @@ impl Entity {
         if !self.wakers.iter().any(|known| known.will_wake(waker)) {
             self.wakers.push(waker.clone());
         }
+    }
+
+    /// Forgets a task that no longer waits.
+    pub(super) fn wake_no_more(&mut self, waker: &Waker) {
+        self.wakers.retain(|known| !known.will_wake(waker));
     }
 
     pub(super) fn wake(&mut self, audience: &mut Audience) {

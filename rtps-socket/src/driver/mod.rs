@@ -17,6 +17,7 @@ mod batching;
 mod core;
 mod entity;
 mod external;
+mod group_sets;
 mod news;
 mod outgoing;
 mod seat;

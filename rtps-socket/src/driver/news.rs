@@ -25,6 +25,7 @@ impl Core {
             }
             FromLayer::Unmatched { local, remote } => {
                 self.endpoints.unmatch(now, local, remote);
+                self.review_group(local);
                 self.on_entity(local, |entity, audience| {
                     entity.remove_match(remote, audience)
                 });
@@ -94,6 +95,7 @@ impl Core {
         match event {
             EndpointEvent::DataAvailable(id) => {
                 self.batching.expect_answer();
+                self.review_group(id);
                 self.on_entity(id, |entity, audience| entity.data_available(audience));
             }
             EndpointEvent::Acknowledged(id) => {

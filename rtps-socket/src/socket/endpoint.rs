@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use rtps_user::wire::{EntityId, Guid};
 
+use super::condition::{Trigger, Watched};
 use super::group::Group;
 use super::template::check_endpoint;
 use crate::driver::{Driver, Inherits, Listener, Shared};
@@ -83,6 +84,10 @@ impl EndpointHandle {
             .shared()
             .with(|core, _| core.set_listener(self.id(), mask, Arc::clone(&listener)));
         waiting.into_iter().for_each(|event| listener(event));
+    }
+
+    pub(super) fn watch(&self, trigger: Trigger) -> Watched {
+        Watched::new(self.shared(), self.id(), trigger)
     }
 
     /// Asks for a status, after taking in what has arrived.

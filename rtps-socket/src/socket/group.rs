@@ -151,6 +151,7 @@ impl Group {
     pub(crate) fn begin_access(&self) {
         self.driver.shared().poll(|core, _| {
             if self.depth.fetch_add(1, Ordering::Relaxed) == 0 {
+                core.release_groups(self.id);
                 self.for_each_reader(core, Reader::freeze);
             }
         });

@@ -1,6 +1,7 @@
 //! The expert API: writers and readers of payloads that are serialized already, and a descriptor for event loops.
 
 mod builder;
+mod condition;
 mod endpoint;
 mod group;
 mod raw_reader;
@@ -20,6 +21,7 @@ pub(crate) use raw_reader::FilterSetter;
 pub use raw_reader::{RawReader, RawSamples};
 pub use raw_writer::{RawChange, RawWriter};
 
+pub(crate) use self::condition::{Trigger, Watched};
 pub(crate) use self::group::Group;
 pub(crate) use self::template::Template;
 
@@ -133,6 +135,7 @@ impl RtpsSocket {
                 timing: ReaderTiming::default(),
             });
             core.declare(now, template.into_declaration(guid.entity));
+            core.stage_groups(guid.entity);
             Ok(guid)
         })?;
         let endpoint = EndpointHandle::new(&self.driver, guid, group);

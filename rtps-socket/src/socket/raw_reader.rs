@@ -11,6 +11,7 @@ use rtps_user::qos::ContentFilter;
 use rtps_user::reader::{InstanceOf, Reader, Sample, Selection};
 use rtps_user::wire::{EntityId, Guid, KeyHash};
 
+use super::condition::{Trigger, Watched};
 use super::endpoint::EndpointHandle;
 use crate::driver::{Core, Limit, Shared};
 use crate::error::{SetQosError, WaitError};
@@ -75,6 +76,32 @@ impl RawReader {
     ) -> Vec<Sample> {
         self.of_next_instance(previous, selection, |reader, of_instance| {
             reader.read(max, of_instance)
+        })
+    }
+
+    /// Takes up to `max` samples of a selection that pass a filter.
+    pub(crate) fn take_where(
+        &self,
+        max: usize,
+        selection: &Selection,
+        filter: &PayloadFilter,
+    ) -> Vec<Sample> {
+        self.endpoint.shared().poll(|core, _| {
+            let reader = core.endpoints.reader_mut(self.endpoint.id());
+            reader.map_or_else(Vec::new, |reader| reader.take_where(max, selection, filter))
+        })
+    }
+
+    /// Reads up to `max` samples of a selection that pass a filter.
+    pub(crate) fn read_where(
+        &self,
+        max: usize,
+        selection: &Selection,
+        filter: &PayloadFilter,
+    ) -> Vec<Sample> {
+        self.endpoint.shared().poll(|core, _| {
+            let reader = core.endpoints.reader_mut(self.endpoint.id());
+            reader.map_or_else(Vec::new, |reader| reader.read_where(max, selection, filter))
         })
     }
 
@@ -221,6 +248,11 @@ impl RawReader {
         listener: impl Fn(StatusEvent) + Send + Sync + 'static,
     ) {
         self.endpoint.set_listener(mask, Arc::new(listener));
+    }
+
+    /// A condition of the reader.
+    pub(crate) fn watch(&self, trigger: Trigger) -> Watched {
+        self.endpoint.watch(trigger)
     }
 
     /// The statuses that have changed since they were last asked for.

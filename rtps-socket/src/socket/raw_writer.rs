@@ -11,6 +11,7 @@ use rtps_user::wire::{Guid, KeyHash, SequenceNumber, Timestamp};
 use rtps_user::writer;
 
 use super::Group;
+use super::condition::{Trigger, Watched};
 use super::endpoint::{EndpointHandle, deadline};
 use crate::driver::{Core, Patience, PatienceCell};
 use crate::error::{SetQosError, WaitError, WriteError};
@@ -141,6 +142,29 @@ impl RawWriter {
         })
     }
 
+    /// Registers an instance before its first sample, which takes its place within max_instances.
+    ///
+    /// # Errors
+    /// When there is no place.
+    pub fn register_instance(&self, instance: KeyHash) -> Result<(), WriteError> {
+        let registered = self.endpoint.shared().with(|core, now| {
+            let writer = core.endpoints.writer_mut(self.endpoint.id());
+            writer.map(|writer| writer.register_instance(now, instance))
+        });
+        registered
+            .ok_or(WriteError::Closed)?
+            .map_err(WriteError::Refused)
+    }
+
+    /// Whether an instance is registered, by [`register_instance`](Self::register_instance) or by being written. Without
+    /// max_instances and DEADLINE no book is kept, and only instances in the history are.
+    pub fn is_registered(&self, instance: KeyHash) -> bool {
+        self.endpoint.shared().with(|core, _| {
+            let writer = core.endpoints.writer(self.endpoint.id());
+            writer.is_some_and(|writer| writer.is_registered(instance))
+        })
+    }
+
     /// Its name.
     pub fn guid(&self) -> Guid {
         self.endpoint.guid()
@@ -231,6 +255,11 @@ impl RawWriter {
         listener: impl Fn(StatusEvent) + Send + Sync + 'static,
     ) {
         self.endpoint.set_listener(mask, Arc::new(listener));
+    }
+
+    /// A condition of the writer.
+    pub(crate) fn watch(&self, trigger: Trigger) -> Watched {
+        self.endpoint.watch(trigger)
     }
 
     /// The statuses that have changed since they were last asked for.

@@ -12,3 +12,4 @@ mod processes;
 mod streaming;
 mod support;
 mod traffic;
+mod waiting;

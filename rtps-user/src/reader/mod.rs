@@ -23,6 +23,7 @@ mod instance;
 mod lifecycle;
 mod liveliness;
 mod ownership;
+mod query;
 mod ranges;
 mod reassembly;
 mod repair_time;
