@@ -105,6 +105,7 @@ fn declare(driver: &Driver) -> EntityId {
             topic: "Square".to_owned(),
             type_name: "Shape".to_owned(),
             type_information: Vec::new(),
+            type_objects: Vec::new(),
             content_filter: None,
             qos: Qos::default(),
         };

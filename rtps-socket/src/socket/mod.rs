@@ -149,6 +149,7 @@ fn endpoint(entity: EntityId, topic: &str, type_name: &str, qos: qos::Qos) -> En
         topic: topic.to_owned(),
         type_name: type_name.to_owned(),
         type_information: Vec::new(),
+        type_objects: Vec::new(),
         content_filter: None,
         qos,
     }
