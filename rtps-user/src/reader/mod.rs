@@ -193,7 +193,7 @@ impl Reader {
             sequence: data.sequence,
             timestamp,
             reception: now,
-            inline_qos: data.inline_qos,
+            inline_qos: &data.inline_qos,
             kind: data.kind,
         };
         self.receive(place, &arrival, Payload::Borrowed(data.payload), None);
@@ -233,7 +233,7 @@ impl Reader {
             sequence: data.sequence,
             timestamp: assembled.timestamp,
             reception: now,
-            inline_qos: assembled.inline_qos,
+            inline_qos: &assembled.inline_qos,
             kind: assembled.kind,
         };
         let payload = Payload::Owned(assembled.payload);
@@ -427,7 +427,7 @@ impl Reader {
     fn receive(
         &mut self,
         place: u32,
-        arrival: &Arrival,
+        arrival: &Arrival<'_>,
         payload: Payload<'_>,
         asked: Option<Instant>,
     ) {
