@@ -198,8 +198,8 @@ fn print_status(event: StatusEvent) {
         StatusEvent::LivelinessChanged { alive, .. } => {
             print(&json!({"event": "liveliness", "alive": alive}));
         }
-        StatusEvent::DeadlineMissed { .. } => {
-            print(&json!({"event": "deadline_missed", "total": 1}))
+        StatusEvent::RequestedDeadlineMissed { total, .. } => {
+            print(&json!({"event": "deadline_missed", "total": total}))
         }
         StatusEvent::SampleLost { count, .. } => {
             print(&json!({"event": "sample_lost", "count": count}))

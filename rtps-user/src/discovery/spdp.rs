@@ -185,7 +185,13 @@ impl Announcer {
             if !destinations.is_empty() {
                 self.write(&announcement, out);
                 let destinations = destinations.into();
-                return Some((Transmit { destinations }, answered));
+                return Some((
+                    Transmit {
+                        destinations,
+                        dscp: 0,
+                    },
+                    answered,
+                ));
             }
             if self.queue.is_empty() {
                 return None;

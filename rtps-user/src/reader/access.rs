@@ -19,10 +19,15 @@ impl Reader {
     /// Takes up to `max` samples in the order of arrival; makes room for samples that could not be accepted.
     pub fn take(&mut self, max: usize, selection: &Selection) -> Vec<Sample> {
         let samples = self.cache.collect(max, selection, Access::Take);
+        self.taken(&samples);
+        samples
+    }
+
+    /// There is room for what could not be accepted.
+    pub(super) fn taken(&mut self, samples: &[Sample]) {
         if !samples.is_empty() && !self.blocked.is_empty() {
             self.release();
         }
-        samples
     }
 
     /// Takes the first sample of a selection in the order of arrival, as [`take`](Self::take) does.
@@ -70,6 +75,11 @@ impl Cache {
     ) -> Vec<Sample> {
         let mut chosen = std::mem::take(&mut self.chosen);
         chosen.extend(self.select(selection).take(max));
+        self.hand_out(chosen, access)
+    }
+
+    /// Hands out samples by their places; makes these the room for those of the next time.
+    pub(super) fn hand_out(&mut self, mut chosen: Vec<u32>, access: Access) -> Vec<Sample> {
         let mut samples: Vec<Sample> = chosen
             .iter()
             .map(|place| self.sample(*place, access))
@@ -98,7 +108,7 @@ impl Cache {
         self.select(selection).next().is_some()
     }
 
-    fn select<'a>(&'a self, selection: &'a Selection) -> impl Iterator<Item = u32> + 'a {
+    pub(super) fn select<'a>(&'a self, selection: &'a Selection) -> impl Iterator<Item = u32> + 'a {
         let mut next = match selection.instance {
             Some(key) => self.samples_of(key),
             None => self.entries.arrival(),

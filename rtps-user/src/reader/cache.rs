@@ -9,7 +9,6 @@ use std::time::Instant;
 
 use super::admission::{Limits, Place};
 use super::change::Change;
-use super::deadline::Deadlines;
 use super::entries::{Entries, Entry, List};
 use super::events::Events;
 use super::groups::Groups;
@@ -19,6 +18,7 @@ use super::ownership::Strengths;
 use super::rules::Rules;
 use super::timers::Timers;
 use super::{InstanceState, ReaderConfig, ReaderEvent};
+use crate::deadline::Deadlines;
 use crate::qos::{Ownership, Qos};
 use crate::table::Table;
 use crate::wire::{Guid, KeyHash, StatusInfo};

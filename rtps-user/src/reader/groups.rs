@@ -11,6 +11,7 @@ use super::Reader;
 use super::cache::Cache;
 use super::change::Change;
 use super::events::Events;
+use crate::qos::PresentationScope;
 use crate::wire::{GroupDigest, GuidPrefix, SequenceNumber};
 
 /// Parts of sets that wait to be released; when there are more, the oldest wait no longer.
@@ -44,12 +45,15 @@ impl StagedSet {
 pub(super) type Groups = VecDeque<StagedSet>;
 
 impl Reader {
-    /// Has sets of GROUP scope wait until they are released. Without that each reader shows its part by itself.
-    pub fn stage_groups(&mut self) {
+    /// Has sets of GROUP scope wait until they are released; false where PRESENTATION asks for no such sets. Without that
+    /// each reader shows its part by itself.
+    pub fn stage_groups(&mut self) -> bool {
         let presentation = self.config.qos.presentation;
-        if presentation.coherent && presentation.scope == crate::qos::PresentationScope::Group {
+        let has_groups = presentation.coherent && presentation.scope == PresentationScope::Group;
+        if has_groups {
             self.cache.groups.get_or_insert_default();
         }
+        has_groups
     }
 
     /// The sets that parts are staged of, in the order in which they ended; one may be named several times.

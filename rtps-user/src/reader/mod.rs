@@ -13,7 +13,6 @@ mod cache;
 mod change;
 mod coherent;
 mod config;
-mod deadline;
 mod entries;
 mod event;
 mod events;
@@ -24,6 +23,7 @@ mod instance;
 mod lifecycle;
 mod liveliness;
 mod ownership;
+mod query;
 mod ranges;
 mod reassembly;
 mod repair_time;
@@ -38,7 +38,7 @@ mod timers;
 mod walk;
 mod writer_proxy;
 
-pub use config::{InstanceOf, PayloadFilter, ReaderConfig, ReaderTiming};
+pub use config::{InstanceOf, ReaderConfig, ReaderTiming};
 pub use event::{ReaderEvent, RejectedReason};
 pub use groups::GroupSet;
 pub use sample::{
@@ -48,6 +48,7 @@ pub use sample::{
 use std::collections::BTreeSet;
 use std::time::Instant;
 
+use crate::filter::PayloadFilter;
 use crate::qos::Qos;
 use crate::table::Table;
 use crate::wire::{
@@ -368,7 +369,10 @@ impl Reader {
                 self.messages.set((writer, message), at);
             }
             if sent && let Some(destinations) = proxy.destinations.clone() {
-                return Some(Transmit { destinations });
+                return Some(Transmit {
+                    destinations,
+                    dscp: 0,
+                });
             }
             out.truncate(start);
         }

@@ -1,5 +1,7 @@
 //! What a DATA says of its change beside the payload: the inline QoS (RTPS 2.5 sections 8.7.9 and 9.6.4).
 
+use std::hash::{Hash, Hasher};
+
 use serde::{Deserialize, Serialize};
 
 use crate::wire::{
@@ -8,10 +10,15 @@ use crate::wire::{
 };
 
 /// The 16 bytes that name an instance (RTPS 9.6.4.8): its big-endian key, zero-padded, or the MD5 of it.
-#[derive(
-    Clone, Copy, Debug, Default, Deserialize, Eq, Hash, Ord, PartialEq, PartialOrd, Serialize,
-)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, Ord, PartialEq, PartialOrd, Serialize)]
 pub struct KeyHash(pub [u8; 16]);
+
+/// All of it at once.
+impl Hash for KeyHash {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        state.write_u128(u128::from_ne_bytes(self.0));
+    }
+}
 
 /// StatusInfo_t (RTPS 9.6.4.9): what happened to the instance.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
@@ -72,6 +79,26 @@ impl InlineQos {
     /// Whether there is nothing to write.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
+    }
+
+    /// Bytes of the list with its sentinel; 0 where there is nothing to write.
+    pub fn encoded_len(&self) -> usize {
+        const HEADER: usize = 4;
+        if self.is_empty() {
+            return 0;
+        }
+        let numbers = [
+            self.coherent_set,
+            self.group_sequence,
+            self.group_coherent_set,
+        ];
+        let numbers = numbers.iter().flatten().count();
+        HEADER
+            + usize::from(self.key_hash.is_some()) * (HEADER + 16)
+            + usize::from(self.status != StatusInfo::default()) * (HEADER + 4)
+            + numbers * (HEADER + 8)
+            + usize::from(self.writer_group.is_some()) * (HEADER + 4)
+            + usize::from(self.lifespan.is_some()) * (HEADER + 8)
     }
 
     /// Reads a whole list up to its sentinel and moves the cursor behind it.
@@ -139,5 +166,39 @@ impl InlineQos {
             list.parameter(ParameterId::LIFESPAN, |value| lifespan.encode(value));
         }
         list.finish();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_length_is_known_before() {
+        let number = Some(SequenceNumber(7));
+        let status = StatusInfo {
+            unregistered: true,
+            ..StatusInfo::default()
+        };
+        let all = InlineQos {
+            key_hash: Some(KeyHash([1; 16])),
+            status,
+            coherent_set: number,
+            group_sequence: number,
+            group_coherent_set: number,
+            writer_group: Some(GroupDigest([1; 4])),
+            lifespan: Some(Duration::ZERO),
+        };
+        let some = InlineQos {
+            status,
+            group_sequence: number,
+            ..InlineQos::default()
+        };
+        for qos in [all, some] {
+            let mut out = Vec::new();
+            qos.encode(&mut out);
+            assert_eq!(qos.encoded_len(), out.len());
+        }
+        assert_eq!(InlineQos::default().encoded_len(), 0);
     }
 }
