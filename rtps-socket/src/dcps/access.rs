@@ -34,6 +34,12 @@ impl<T: DdsType> DataReader<T> {
         self.decode_all(self.reader.take(max, selection), Form::Take)
     }
 
+    /// Takes up to `max` samples as they were received: the payload is that in the reader's cache, not a copy, and not
+    /// deserialized.
+    pub fn take_serialized(&self, max: usize, selection: &Selection) -> Vec<reader::Sample> {
+        self.reader.take(max, selection)
+    }
+
     /// Takes up to `max` samples of one instance.
     pub fn take_instance(
         &self,
