@@ -10,6 +10,7 @@ use rtps_user::endpoints::Endpoints;
 use rtps_user::layer::protocol::ToLayer;
 use rtps_user::qos::{ContentFilter, Qos};
 use rtps_user::wire::{EntityId, EntityKind, Guid};
+use rtps_user::writer::FRAGMENT_OVERHEAD;
 
 use super::audience::{Audience, EntityListener, GroupId, Listener};
 use super::batching::{Batching, Patience};
@@ -69,6 +70,13 @@ impl Core {
     /// The most bytes of a datagram.
     pub(crate) fn datagram_size(&self) -> usize {
         self.identity.datagram_size.into()
+    }
+
+    /// Has samples sent in fragments of no more than `size` bytes, by writers that are created from now on.
+    pub(crate) fn limit_fragments(&mut self, size: u16) {
+        let datagram =
+            u16::try_from(FRAGMENT_OVERHEAD).map_or(size, |more| size.saturating_add(more));
+        self.identity.datagram_size = self.identity.datagram_size.min(datagram);
     }
 
     /// A name for a new endpoint; `None` when the app has 65,535 of them.

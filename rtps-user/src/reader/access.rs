@@ -134,6 +134,7 @@ impl Cache {
             && selection.instance_states.contains(instance.state)
     }
 
+    #[inline]
     fn sample(&mut self, place: u32, access: Access) -> Sample {
         let entry = self.entries.get_mut(place);
         let instance = &self.instances[entry.instance];
@@ -162,6 +163,7 @@ impl Cache {
     }
 
     /// Removes a taken sample or marks a read one, and its instance as seen.
+    #[inline]
     fn accessed(&mut self, place: u32, access: Access) {
         let entry = self.entries.get_mut(place);
         let was_read = std::mem::replace(&mut entry.read, true);
@@ -194,7 +196,10 @@ fn info(entry: &Entry, instance: &Instance) -> SampleInfo {
         writer: entry.writer,
         sequence: entry.sequence,
         source_timestamp: entry.timestamp,
-        group_sequence: entry.group_sequence,
+        group_sequence: entry
+            .extras
+            .as_ref()
+            .and_then(|extras| extras.group_sequence),
         reception: entry.reception,
         sample_state: sample_state(entry),
         view_state: instance.view,

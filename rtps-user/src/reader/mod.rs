@@ -194,7 +194,7 @@ impl Reader {
             sequence: data.sequence,
             timestamp,
             reception: now,
-            inline_qos: data.inline_qos,
+            inline_qos: &data.inline_qos,
             kind: data.kind,
         };
         self.receive(place, &arrival, Payload::Borrowed(data.payload), None);
@@ -234,7 +234,7 @@ impl Reader {
             sequence: data.sequence,
             timestamp: assembled.timestamp,
             reception: now,
-            inline_qos: assembled.inline_qos,
+            inline_qos: &assembled.inline_qos,
             kind: assembled.kind,
         };
         let payload = Payload::Owned(assembled.payload);
@@ -431,7 +431,7 @@ impl Reader {
     fn receive(
         &mut self,
         place: u32,
-        arrival: &Arrival,
+        arrival: &Arrival<'_>,
         payload: Payload<'_>,
         asked: Option<Instant>,
     ) {

@@ -1,0 +1,169 @@
+//! PRESENTATION: coherent sets come whole, ordered samples in order.
+
+use std::collections::BTreeMap;
+
+use anyhow::{Context, Result, ensure};
+use rtps_tests::process::Process;
+
+use crate::lines::{self, Sample, are_ascending};
+use crate::stage::{Ends, on_both_layers, on_the_in_process_layer};
+
+on_both_layers! {
+    sets_of_a_topic_are_whole,
+    sets_of_a_group_are_whole,
+}
+
+on_the_in_process_layer! {
+    sets_of_an_instance_are_whole,
+    ordered_within_a_topic,
+    ordered_within_an_instance,
+    an_open_set_is_not_seen,
+}
+
+/// Iterations of a set.
+const SET: u32 = 4;
+
+fn publisher(ends: &Ends<'_>, scope: char, topics: u32) -> Result<Process> {
+    ends.publisher(&format!(
+        "--coherent --ordered --access-scope {scope} --coherent-sample-count {SET} -D l -k 0 -z 0 \
+         --num-instances 2 --num-topics {topics} --write-period 20"
+    ))
+}
+
+fn subscriber(ends: &Ends<'_>, scope: char, topics: u32) -> Result<Process> {
+    let arguments =
+        format!("--access-scope {scope} -D l -k 0 --num-topics {topics} --read-period 50");
+    ends.subscriber(&format!("--coherent --ordered {arguments}"))
+}
+
+/// The samples of each iteration that is over.
+fn iterations(app: &Process) -> Vec<Vec<Sample>> {
+    let text = app.text();
+    let mut iterations: Vec<_> = text
+        .split("Reading coherent sets, iteration ")
+        .skip(1)
+        .map(|text| text.lines().filter_map(Sample::parse).collect())
+        .collect();
+    iterations.pop();
+    iterations
+}
+
+/// Waits until so many samples came in iterations that are over.
+fn wait_iterations(app: &Process, samples: usize) -> Result<Vec<Vec<Sample>>> {
+    let count = |app: &Process| iterations(app).iter().map(Vec::len).sum::<usize>();
+    lines::wait_until(app, "coherent sets", |_| count(app) >= samples)?;
+    Ok(iterations(app))
+}
+
+/// Samples by topic and color, in their order.
+fn by_instance(samples: &[Sample]) -> BTreeMap<(&str, &str), Vec<u32>> {
+    let mut instances = BTreeMap::<_, Vec<_>>::new();
+    for sample in samples {
+        let instance = (sample.topic.as_str(), sample.color.as_str());
+        instances.entry(instance).or_default().push(sample.size);
+    }
+    instances
+}
+
+/// Sizes begin with the first of a set, end with the last of one, and miss none.
+fn ensure_whole(sizes: &[u32]) -> Result<()> {
+    let (first, last) = (
+        sizes.first().context("no sample")?,
+        sizes.last().context("no sample")?,
+    );
+    ensure!(
+        first % SET == 1 && last % SET == 0 && lines::are_consecutive(sizes),
+        "{sizes:?}"
+    );
+    Ok(())
+}
+
+fn sets_of_an_instance_are_whole(ends: &Ends<'_>) -> Result<()> {
+    let _publisher = publisher(ends, 'i', 1)?;
+    let subscriber = subscriber(ends, 'i', 1)?;
+    for iteration in wait_iterations(&subscriber, 60)? {
+        for sizes in by_instance(&iteration).values() {
+            ensure_whole(sizes)?;
+        }
+    }
+    Ok(())
+}
+
+fn sets_of_a_topic_are_whole(ends: &Ends<'_>) -> Result<()> {
+    let _publisher = publisher(ends, 't', 1)?;
+    let subscriber = subscriber(ends, 't', 1)?;
+    for iteration in wait_iterations(&subscriber, 60)? {
+        let instances = by_instance(&iteration);
+        for sizes in instances.values() {
+            ensure_whole(sizes)?;
+            ensure!(Some(sizes) == instances.values().next(), "{instances:?}");
+        }
+        ensure!([0, 2].contains(&instances.len()), "{instances:?}");
+    }
+    Ok(())
+}
+
+/// What one iteration shows of one topic, it shows of all.
+fn sets_of_a_group_are_whole(ends: &Ends<'_>) -> Result<()> {
+    let _publisher = publisher(ends, 'g', 3)?;
+    let subscriber = subscriber(ends, 'g', 3)?;
+    for iteration in wait_iterations(&subscriber, 180)? {
+        let instances = by_instance(&iteration);
+        for sizes in instances.values() {
+            ensure_whole(sizes)?;
+            ensure!(Some(sizes) == instances.values().next(), "{instances:?}");
+        }
+        ensure!([0, 6].contains(&instances.len()), "{instances:?}");
+    }
+    Ok(())
+}
+
+/// All that there is at once is in the order of writing, across instances.
+fn ordered_within_a_topic(ends: &Ends<'_>) -> Result<()> {
+    for scope in ['t', 'g'] {
+        let arguments = format!("--ordered --access-scope {scope} -D l -k 0");
+        let publisher = format!("{arguments} -z 0 --num-instances 3 --write-period 5");
+        let _publisher = ends.publisher(&publisher)?;
+        let subscriber = ends.subscriber(&format!("{arguments} --take-read --read-period 200"))?;
+        let samples = lines::wait_samples(&subscriber, 60)?;
+        let colors = ["BLUE", "BLUE1", "BLUE2"];
+        for (number, sample) in samples.iter().enumerate() {
+            ensure!(sample.color == colors[number % 3], "{samples:?}");
+            ensure!(sample.size as usize == number / 3 + 1, "{samples:?}");
+        }
+    }
+    Ok(())
+}
+
+fn ordered_within_an_instance(ends: &Ends<'_>) -> Result<()> {
+    let arguments = "--ordered --access-scope i -D l -k 0";
+    let publisher = format!("{arguments} -z 0 --num-instances 3 --write-period 5");
+    let _publisher = ends.publisher(&publisher)?;
+    let subscriber = ends.subscriber(&format!("{arguments} --take-read --read-period 200"))?;
+    let samples = lines::wait_samples(&subscriber, 60)?;
+    for (instance, sizes) in by_instance(&samples) {
+        ensure!(
+            sizes[0] == 1 && are_ascending(&sizes),
+            "{instance:?} {sizes:?}"
+        );
+    }
+    Ok(())
+}
+
+/// A set that its publisher does not end is never seen.
+fn an_open_set_is_not_seen(ends: &Ends<'_>) -> Result<()> {
+    let access = "--coherent --access-scope t -D l -k 0";
+    let arguments = format!("{access} --coherent-sample-count 10 -z 0 --write-period 20");
+    let mut publisher = ends.publisher(&format!("{arguments} --num-iterations 25"))?;
+    let mut subscriber = ends.subscriber(access)?;
+    publisher.wait_success(rtps_tests::stage::PATIENCE)?;
+    lines::wait_line(&mut subscriber, "matched writers 0")?;
+    lines::wait_line(&mut subscriber, "iteration")?;
+    lines::wait_line(&mut subscriber, "iteration")?;
+    let sizes = lines::sizes(&lines::interrupt(subscriber)?);
+    ensure!(
+        sizes.last() == Some(&20) && lines::are_consecutive(&sizes),
+        "{sizes:?}"
+    );
+    Ok(())
+}
