@@ -1,5 +1,6 @@
 //! Errors, one enum per operation; each says what can be done about it.
 
+use rtps_user::qos::PolicyId;
 use rtps_user::writer;
 use thiserror::Error;
 
@@ -8,6 +9,7 @@ pub use crate::link::in_process::InProcessError;
 pub use crate::link::kernel::AttachError;
 
 use crate::cdr::EncodeError;
+use crate::filter::{BindError, ParseError};
 
 /// Why a topic, writer or reader could not be created.
 #[derive(Clone, Debug, Eq, Error, PartialEq)]
@@ -29,6 +31,11 @@ pub enum CreateError {
         /// Of RESOURCE_LIMITS.
         limit: u32,
     },
+    /// A reader that wants samples rarely cannot want them often.
+    #[error(
+        "the minimum separation of TIME_BASED_FILTER exceeds the period of DEADLINE: each deadline would be missed"
+    )]
+    InconsistentSeparation,
     /// Entity ids have 16 bits for an app's endpoints.
     #[error("the participant has 65,535 endpoints already: drop some")]
     TooManyEndpoints,
@@ -49,6 +56,36 @@ pub enum CreateError {
     /// Nothing but CDR is written.
     #[error("the XML data representation is not supported: choose xcdr1() or xcdr2()")]
     UnsupportedRepresentation,
+}
+
+/// Why a filter is refused.
+#[derive(Clone, Debug, Eq, Error, PartialEq)]
+#[non_exhaustive]
+pub enum FilterError {
+    /// The expression is none of DDS 1.4 annex B.
+    #[error("the filter cannot be read: {0}")]
+    Parse(#[from] ParseError),
+    /// The expression does not fit the topic's type.
+    #[error("the filter does not fit the type: {0}")]
+    Bind(#[from] BindError),
+    /// There is `%0` to `%99`.
+    #[error("{0} parameters are more than the 100 that an expression can mention")]
+    TooManyParameters(usize),
+    /// The name cannot be one.
+    #[error(transparent)]
+    Refused(#[from] CreateError),
+}
+
+/// Why policies were not changed. All stay as they were.
+#[derive(Clone, Debug, Eq, Error, PartialEq)]
+#[non_exhaustive]
+pub enum SetQosError {
+    /// IMMUTABLE_POLICY: others have matched because of it.
+    #[error("{0:?} cannot change once the entity is there: create another")]
+    Immutable(PolicyId),
+    /// What cannot be created cannot be changed to either.
+    #[error(transparent)]
+    Refused(#[from] CreateError),
 }
 
 /// Why a sample was not written.
@@ -73,6 +110,14 @@ pub enum WriteError {
     /// Only topics with keys have instances to dispose or unregister.
     #[error("the topic has no key, so there is no instance to dispose or unregister")]
     NoKey,
+    /// An endpoint of a publisher that does not enable what it creates.
+    #[error("the writer is not enabled yet: enable it or its publisher first")]
+    NotEnabled,
+    /// Handles come from registering an instance.
+    #[error(
+        "the handle is of no instance that is registered with this writer: register_instance gives one"
+    )]
+    UnknownInstance,
     /// The writer has been withdrawn.
     #[error("the writer's participant is closed")]
     Closed,

@@ -2,10 +2,11 @@
 
 use proc_macro2::TokenStream;
 use quote::{format_ident, quote};
-use syn::{DataEnum, DeriveInput, Error, Ident};
+use syn::{DataEnum, DeriveInput, Error, Ident, Variant};
 
 use crate::attributes::{TypeAttributes, VariantAttributes, idl_name};
 use crate::description;
+use crate::fields;
 
 pub(crate) fn expand(
     input: &DeriveInput,
@@ -29,6 +30,9 @@ pub(crate) fn expand(
             Err(#cdr::DecodeError::InvalidEnum { type_name: #type_name, value: value.into() })
         },
     };
+    let names = data.variants.iter().map(literal_name);
+    let names = names.collect::<syn::Result<Vec<_>>>()?;
+    let field_access = fields::of_enumeration(ident, &literals, &names);
     Ok(quote! {
         #[automatically_derived]
         impl #cdr::CdrType for #ident {
@@ -58,6 +62,8 @@ pub(crate) fn expand(
             fn add_key_size(size: &mut #cdr::KeySize) {
                 <#holder as #cdr::CdrType>::add_key_size(size);
             }
+
+            #field_access
 
             #describe
         }
@@ -96,8 +102,7 @@ fn definition(
     let extensibility = attributes.extensibility;
     let literals = data.variants.iter().map(|variant| {
         let ident = &variant.ident;
-        let attributes = VariantAttributes::parse(&variant.attrs)?;
-        let name = idl_name(attributes.name.as_ref(), ident);
+        let name = literal_name(variant)?;
         let is_default = default == Some(ident);
         Ok(quote! {
             #cdr::Literal { name: #name, value: Self::#ident as i32, default: #is_default }
@@ -111,6 +116,11 @@ fn definition(
             literals: ::std::vec![#(#literals),*],
         }
     })
+}
+
+fn literal_name(variant: &Variant) -> syn::Result<String> {
+    let attributes = VariantAttributes::parse(&variant.attrs)?;
+    Ok(idl_name(attributes.name.as_ref(), &variant.ident))
 }
 
 fn default_literal(data: &DataEnum) -> syn::Result<Option<&Ident>> {

@@ -7,6 +7,7 @@ mod attributes;
 mod description;
 mod discriminator;
 mod enumeration;
+mod fields;
 mod structure;
 mod union;
 
@@ -112,8 +113,11 @@ fn dds_type_impl(
     let (impl_generics, type_generics, where_clause) = generics.split_for_impl();
     let type_name = attributes.type_name(ident);
     let extensibility = attributes.extensibility.to_token_stream();
+    let fields = fields::fields_impl(input);
     let is_described = !attributes.by_name;
     quote! {
+        #fields
+
         #[automatically_derived]
         impl #impl_generics #cdr::DdsType for #ident #type_generics #where_clause {
             const TYPE_NAME: &'static str = #type_name;

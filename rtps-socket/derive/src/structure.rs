@@ -6,6 +6,7 @@ use syn::{DeriveInput, Error, Expr, FieldsNamed, Ident, Type};
 
 use crate::attributes::{Extensibility, FieldAttributes, TypeAttributes, idl_name};
 use crate::description;
+use crate::fields::{self, StructField};
 
 pub(crate) fn expand(
     input: &DeriveInput,
@@ -117,6 +118,7 @@ impl<'a> Structure<'a> {
             .key_members_by_id()
             .into_iter()
             .map(Member::add_key_size);
+        let field_access = fields::of_struct(self.fields());
         quote! {
             #[automatically_derived]
             impl #impl_generics #cdr::CdrType for #ident #type_generics #where_clause {
@@ -143,6 +145,8 @@ impl<'a> Structure<'a> {
 
                 fn add_key_size(size: &mut #cdr::KeySize) { #(#key_size)* }
 
+                #field_access
+
                 #describe
             }
         }
@@ -158,6 +162,16 @@ impl<'a> Structure<'a> {
                 members: ::std::vec![#(#members),*],
             }
         }
+    }
+
+    fn fields(&self) -> impl Iterator<Item = StructField<'_>> {
+        let has_key = self.has_key();
+        self.members.iter().map(move |member| StructField {
+            ident: member.ident,
+            name: &member.name,
+            ty: member.ty,
+            is_key: member.key || !has_key,
+        })
     }
 
     fn encode(&self) -> TokenStream {

@@ -7,6 +7,7 @@ use syn::{DataEnum, DeriveInput, Error, Fields, Ident, Type, Variant};
 use crate::attributes::{Extensibility, TypeAttributes, VariantAttributes, idl_name};
 use crate::description;
 use crate::discriminator::{Discriminator, Label};
+use crate::fields::{self, UnionField};
 
 pub(crate) fn expand(
     input: &DeriveInput,
@@ -152,6 +153,15 @@ impl<'a> Case<'a> {
         quote!(#(#labels)|* => Ok(#construct),)
     }
 
+    fn field(&self) -> UnionField<'_> {
+        UnionField {
+            ident: self.ident,
+            name: &self.name,
+            ty: self.member,
+            label: self.labels.first(),
+        }
+    }
+
     /// The variant, its member from a function of `CdrType`.
     fn construct(&self, member: &TokenStream) -> TokenStream {
         let cdr = crate::cdr();
@@ -187,6 +197,8 @@ fn cdr_type_impl(
         .or_else(|| cases.first());
     let initial = initial.map(|case| case.construct(&quote!(default_value())));
     let members = cases.iter().filter_map(|case| case.member);
+    let fields: Vec<_> = cases.iter().map(Case::field).collect();
+    let field_access = fields::of_union(discriminator, &fields);
     let definition = definition(extensibility, discriminator, cases);
     let describe = description::function(&attributes.type_name(ident), definition.as_ref());
     quote! {
@@ -221,6 +233,8 @@ fn cdr_type_impl(
                 <#discriminator as #cdr::CdrType>::add_key_size(size);
                 size.add_largest(&[#(<#members as #cdr::CdrType>::add_key_size),*]);
             }
+
+            #field_access
 
             #describe
         }

@@ -5,7 +5,11 @@ use std::hash::{BuildHasher, Hash};
 
 use rtps_user::xtypes::{TypeBuilder, TypePair};
 
-use super::{Bounded, CdrType, DecodeError, Decoder, EncodeError, Encoder, KeySize, LengthCode};
+use super::fields::{element_type, index, leaf_type};
+use super::{
+    Bounded, CdrType, DecodeError, Decoder, EncodeError, Encoder, FieldType, KeySize, Kind,
+    LengthCode, Value,
+};
 
 /// An IDL `string`: its length with the NUL, the characters, the NUL.
 impl CdrType for String {
@@ -42,6 +46,14 @@ impl CdrType for String {
 
     fn add_key_size(size: &mut KeySize) {
         size.add_unbounded();
+    }
+
+    fn value_at(&self, path: &[&str]) -> Option<Value<'_>> {
+        path.is_empty().then_some(Value::Str(self))
+    }
+
+    fn type_at(path: &[&str]) -> Option<FieldType> {
+        leaf_type(path, Kind::String)
     }
 
     fn describe(_: &mut TypeBuilder) -> Option<TypePair> {
@@ -93,6 +105,15 @@ impl<T: CdrType> CdrType for Vec<T> {
 
     fn add_key_size(size: &mut KeySize) {
         size.add_unbounded();
+    }
+
+    fn value_at(&self, path: &[&str]) -> Option<Value<'_>> {
+        let (at, path) = index(path)?;
+        self.get(at)?.value_at(path)
+    }
+
+    fn type_at(path: &[&str]) -> Option<FieldType> {
+        element_type::<T>(path)
     }
 
     fn describe(types: &mut TypeBuilder) -> Option<TypePair> {
@@ -160,6 +181,15 @@ impl<T: CdrType, const N: usize> CdrType for [T; N] {
         self.iter_mut()
             .try_for_each(|item| item.decode_flat(decoder))
     }
+
+    fn value_at(&self, path: &[&str]) -> Option<Value<'_>> {
+        let (at, path) = index(path)?;
+        self.get(at)?.value_at(path)
+    }
+
+    fn type_at(path: &[&str]) -> Option<FieldType> {
+        element_type::<T>(path)
+    }
 }
 
 /// Nothing on the wire: it lets types be recursive.
@@ -195,6 +225,14 @@ impl<T: CdrType> CdrType for Box<T> {
 
     fn decode_flat(&mut self, decoder: &mut Decoder<'_>) -> Result<(), DecodeError> {
         T::decode_flat(self, decoder)
+    }
+
+    fn value_at(&self, path: &[&str]) -> Option<Value<'_>> {
+        T::value_at(self, path)
+    }
+
+    fn type_at(path: &[&str]) -> Option<FieldType> {
+        T::type_at(path)
     }
 }
 

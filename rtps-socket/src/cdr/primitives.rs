@@ -2,7 +2,11 @@
 
 use rtps_user::xtypes::{TypeBuilder, TypeKind, TypePair};
 
-use super::{ByteOrder, CdrType, DecodeError, Decoder, EncodeError, Encoder, KeySize, LengthCode};
+use super::fields::leaf_type;
+use super::{
+    ByteOrder, CdrType, DecodeError, Decoder, EncodeError, Encoder, FieldType, KeySize, Kind,
+    LengthCode, Value,
+};
 
 /// A number as it stands on the wire.
 pub(super) trait Primitive: Copy {
@@ -74,7 +78,7 @@ macro_rules! primitive {
 }
 
 macro_rules! cdr_number {
-    ($($type:ty = $kind:ident)*) => {$(
+    ($field:ident, $value:ident: $($type:ty = $kind:ident)*) => {$(
         impl CdrType for $type {
             const IS_PRIMITIVE: bool = true;
             const MIN_SIZE: usize = size_of::<$type>();
@@ -113,23 +117,22 @@ macro_rules! cdr_number {
             fn decode_slice(decoder: &mut Decoder<'_>, items: &mut [Self]) -> Result<(), DecodeError> {
                 decoder.take_slice(items)
             }
+
+            fn value_at(&self, path: &[&str]) -> Option<Value<'_>> {
+                path.is_empty().then(|| Value::$value((*self).into()))
+            }
+
+            fn type_at(path: &[&str]) -> Option<FieldType> {
+                leaf_type(path, Kind::$field)
+            }
         }
     )*};
 }
 
 primitive!(i8 i16 u16 i32 u32 i64 u64 f32 f64);
-cdr_number!(
-    u8 = UINT8
-    i8 = INT8
-    i16 = INT16
-    u16 = UINT16
-    i32 = INT32
-    u32 = UINT32
-    i64 = INT64
-    u64 = UINT64
-    f32 = FLOAT32
-    f64 = FLOAT64
-);
+cdr_number!(Integer, Int: i8 = INT8 i16 = INT16 i32 = INT32 i64 = INT64);
+cdr_number!(Integer, UInt: u8 = UINT8 u16 = UINT16 u32 = UINT32 u64 = UINT64);
+cdr_number!(Float, Float: f32 = FLOAT32 f64 = FLOAT64);
 
 impl Primitive for u8 {
     const SIZE: usize = 1;
@@ -185,6 +188,14 @@ impl CdrType for bool {
         size.add(1, 1);
     }
 
+    fn value_at(&self, path: &[&str]) -> Option<Value<'_>> {
+        path.is_empty().then_some(Value::Bool(*self))
+    }
+
+    fn type_at(path: &[&str]) -> Option<FieldType> {
+        leaf_type(path, Kind::Bool)
+    }
+
     fn describe(_: &mut TypeBuilder) -> Option<TypePair> {
         Some(TypePair::primitive(TypeKind::BOOLEAN))
     }
@@ -212,6 +223,14 @@ impl CdrType for char {
 
     fn add_key_size(size: &mut KeySize) {
         size.add(1, 1);
+    }
+
+    fn value_at(&self, path: &[&str]) -> Option<Value<'_>> {
+        path.is_empty().then_some(Value::Char(*self))
+    }
+
+    fn type_at(path: &[&str]) -> Option<FieldType> {
+        leaf_type(path, Kind::Char)
     }
 
     fn describe(_: &mut TypeBuilder) -> Option<TypePair> {

@@ -2,7 +2,7 @@
 
 use rtps_user::xtypes::{Extensibility, TypeBuilder, TypePair, TypeSupport};
 
-use super::{DecodeError, Decoder, EncodeError, Encoder, KeySize};
+use super::{DecodeError, Decoder, EncodeError, Encoder, FieldType, Fields, KeySize, Value};
 
 /// Order of the bytes of a multi-byte primitive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -105,6 +105,19 @@ pub trait CdrType: Sized {
     /// Adds the largest serialized size of the type as (part of) a key.
     fn add_key_size(size: &mut KeySize);
 
+    /// The value of the member at `path`, as [`Fields::field`] gives it; content filters have no access to the members
+    /// of a type that does not say.
+    fn value_at(&self, path: &[&str]) -> Option<Value<'_>> {
+        let _ = path;
+        None
+    }
+
+    /// The type of the member at `path`; `None` where there is no such member.
+    fn type_at(path: &[&str]) -> Option<FieldType> {
+        let _ = path;
+        None
+    }
+
     /// Says what the type is, for its TypeObject; `None` where that cannot be said.
     fn describe(types: &mut TypeBuilder) -> Option<TypePair> {
         let _ = types;
@@ -163,7 +176,7 @@ pub trait CdrType: Sized {
 }
 
 /// A type that can be the type of a topic. Implemented by `#[derive(DdsType)]`.
-pub trait DdsType: CdrType {
+pub trait DdsType: CdrType + Fields {
     /// The registered type name, which must be the same on all sides.
     const TYPE_NAME: &'static str;
     /// Selects the encoding together with the representation.

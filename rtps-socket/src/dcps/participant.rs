@@ -1,10 +1,16 @@
 //! DomainParticipant (DDS 1.4 section 2.2.2.2.1).
 
-use super::{DataReader, DataWriter, Publisher, Subscriber, Topic};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use super::{
+    ContentFilteredTopic, DataReader, DataWriter, Publisher, Subscriber, Topic, TopicDescription,
+};
 use crate::cdr::DdsType;
-use crate::error::{CreateError, OpenError};
+use crate::error::{CreateError, FilterError, OpenError};
 use crate::qos::Qos;
-use crate::socket::{Builder, RtpsSocket};
+use crate::socket::{Builder, RtpsSocket, Template};
+use crate::status::{EntityEvent, StatusMask};
 
 /// An app's place in a DDS domain.
 ///
@@ -29,6 +35,7 @@ use crate::socket::{Builder, RtpsSocket};
 #[derive(Clone)]
 pub struct DomainParticipant {
     socket: RtpsSocket,
+    leaves_disabled: Arc<AtomicBool>,
 }
 
 impl DomainParticipant {
@@ -58,14 +65,29 @@ impl DomainParticipant {
         Topic::new(name)
     }
 
+    /// A topic as readers see it that want only the samples for which an expression of DDS 1.4 annex B is true;
+    /// `parameters` stand for `%0`, `%1` and so on in it. The name is not seen by others.
+    ///
+    /// # Errors
+    /// When the expression is none, or does not fit the type.
+    pub fn create_content_filtered_topic<T: DdsType>(
+        &self,
+        name: &str,
+        topic: &Topic<T>,
+        expression: &str,
+        parameters: &[&str],
+    ) -> Result<ContentFilteredTopic<T>, FilterError> {
+        ContentFilteredTopic::new(name, topic, expression, parameters)
+    }
+
     /// A publisher: writers with policies in common.
     pub fn create_publisher(&self, qos: Qos) -> Publisher {
-        Publisher::new(self.socket.clone(), qos)
+        Publisher::new(self.socket.clone(), qos, self.autoenables())
     }
 
     /// A subscriber: readers with policies in common.
     pub fn create_subscriber(&self, qos: Qos) -> Subscriber {
-        Subscriber::new(self.socket.clone(), qos)
+        Subscriber::new(self.socket.clone(), qos, self.autoenables())
     }
 
     /// A writer of a publisher of its own.
@@ -77,7 +99,11 @@ impl DomainParticipant {
         topic: &Topic<T>,
         qos: Qos,
     ) -> Result<DataWriter<T>, CreateError> {
-        DataWriter::new(&self.socket, topic, qos)
+        let template = Template {
+            is_enabled: self.autoenables(),
+            ..Template::new(topic.name(), T::TYPE_NAME, qos.into_writer())
+        };
+        DataWriter::new(&self.socket, template)
     }
 
     /// A reader of a subscriber of its own.
@@ -86,10 +112,34 @@ impl DomainParticipant {
     /// When the policies make no sense.
     pub fn create_reader<T: DdsType>(
         &self,
-        topic: &Topic<T>,
+        topic: &impl TopicDescription<T>,
         qos: Qos,
     ) -> Result<DataReader<T>, CreateError> {
-        DataReader::new(&self.socket, topic, qos)
+        let template = Template {
+            is_enabled: self.autoenables(),
+            ..Template::new(topic.topic().name(), T::TYPE_NAME, qos.into_reader())
+        };
+        DataReader::new(&self.socket, template, topic.filter())
+    }
+
+    /// ENTITY_FACTORY: whether what is created from now on is enabled at once, as it is by default. A publisher or subscriber
+    /// that is not leaves its endpoints disabled, too, until it is enabled.
+    pub fn set_autoenable_created_entities(&self, autoenable: bool) {
+        self.leaves_disabled.store(!autoenable, Ordering::Relaxed);
+    }
+
+    fn autoenables(&self) -> bool {
+        !self.leaves_disabled.load(Ordering::Relaxed)
+    }
+
+    /// Has `listener` called with the events that `mask` holds of all endpoints, where neither they nor their publishers and
+    /// subscribers have a listener for them; also with those that wait to be asked for. By whatever thread drives.
+    pub fn set_listener(
+        &self,
+        mask: StatusMask,
+        listener: impl Fn(EntityEvent) + Send + Sync + 'static,
+    ) {
+        self.socket.set_listener(mask, listener);
     }
 
     /// Asserts the liveliness of all writers with LIVELINESS MANUAL_BY_PARTICIPANT.
@@ -100,6 +150,9 @@ impl DomainParticipant {
 
 impl From<RtpsSocket> for DomainParticipant {
     fn from(socket: RtpsSocket) -> Self {
-        Self { socket }
+        Self {
+            socket,
+            leaves_disabled: Arc::default(),
+        }
     }
 }

@@ -4,7 +4,12 @@
 mod dcps;
 mod driving;
 mod event_loop;
+mod filters;
+mod groups;
+mod instances;
+mod presentation;
 mod processes;
 mod streaming;
 mod support;
 mod traffic;
+mod waiting;

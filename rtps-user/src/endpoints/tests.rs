@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::*;
 use crate::history::{ChangeKind, NewChange};
-use crate::qos::{History, Qos, Reliability};
+use crate::qos::{History, Liveliness, LivelinessKind, Qos, Reliability};
 use crate::reader::Selection;
 use crate::wire::{EntityKind, KeyHash, Timestamp, WireError};
 use crate::writer::WriterTiming;
@@ -301,4 +301,53 @@ fn what_comes_from_elsewhere_is_refused_and_counted() {
         .handle_datagram(apps.now, second_interface, &acknack)
         .unwrap();
     assert!(is_acknowledged(&apps));
+}
+
+#[test]
+fn manual_by_participant_writers_are_alive_together() {
+    let prefix = GuidPrefix([1; 12]);
+    let ids = [1, 2].map(|serial| EntityId::of_app(1, serial, EntityKind::WriterNoKey));
+    let mut endpoints = Endpoints::new(prefix);
+    for id in ids {
+        endpoints.add_writer(WriterConfig {
+            guid: Guid::new(prefix, id),
+            qos: Qos {
+                liveliness: Liveliness {
+                    kind: LivelinessKind::ManualByParticipant,
+                    lease: crate::wire::Duration::from_std(Duration::from_secs(1)),
+                },
+                ..qos()
+            },
+            datagram_size: 1472,
+            timing: WriterTiming::default(),
+        });
+    }
+    let mut now = Instant::now();
+    endpoints.assert_liveliness(now);
+    let lost = |endpoints: &mut Endpoints, now| {
+        endpoints.handle_timeout(now);
+        while endpoints.poll_transmit(now, &mut Vec::new()).is_some() {}
+        let events = std::iter::from_fn(|| endpoints.poll_event());
+        events.collect::<Vec<_>>()
+    };
+    for _ in 0..5 {
+        now += Duration::from_millis(600);
+        let change = NewChange {
+            kind: ChangeKind::Alive,
+            instance: KeyHash::default(),
+            payload: vec![0; 8].into(),
+            timestamp: Timestamp::default(),
+        };
+        endpoints
+            .writer_mut(ids[0])
+            .unwrap()
+            .write(now, change)
+            .unwrap();
+        assert_eq!(lost(&mut endpoints, now), [], "the other one writes");
+    }
+    now += Duration::from_secs(1);
+    let both = ids.map(EndpointEvent::LivelinessLost);
+    let mut events = lost(&mut endpoints, now);
+    events.sort_by_key(|event| format!("{event:?}"));
+    assert_eq!(events, both);
 }

@@ -21,7 +21,7 @@ const DEADLINE: ParameterId = ParameterId(0x0023);
 const DESTINATION_ORDER: ParameterId = ParameterId(0x0025);
 const LATENCY_BUDGET: ParameterId = ParameterId(0x0027);
 const PARTITION: ParameterId = ParameterId(0x0029);
-const LIFESPAN: ParameterId = ParameterId(0x002b);
+const LIFESPAN: ParameterId = ParameterId::LIFESPAN;
 /// USER_DATA of a participant or an endpoint.
 pub(crate) const USER_DATA: ParameterId = ParameterId(0x002c);
 const GROUP_DATA: ParameterId = ParameterId(0x002d);

@@ -6,13 +6,63 @@ use bytes::Bytes;
 use super::cache::Cache;
 use super::entries::Entry;
 use super::instance::Instance;
-use super::{Sample, SampleInfo, SampleState, Selection, ViewState};
+use super::{Reader, Sample, SampleInfo, SampleState, Selection, ViewState};
 
 /// Whether samples stay.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub(super) enum Access {
     Read,
     Take,
+}
+
+impl Reader {
+    /// Takes up to `max` samples in the order of arrival; makes room for samples that could not be accepted.
+    pub fn take(&mut self, max: usize, selection: &Selection) -> Vec<Sample> {
+        let samples = self.cache.collect(max, selection, Access::Take);
+        self.taken(&samples);
+        samples
+    }
+
+    /// There is room for what could not be accepted.
+    pub(super) fn taken(&mut self, samples: &[Sample]) {
+        if !samples.is_empty() && !self.blocked.is_empty() {
+            self.release();
+        }
+    }
+
+    /// Takes the first sample of a selection in the order of arrival, as [`take`](Self::take) does.
+    pub fn take_next(&mut self, selection: &Selection) -> Option<Sample> {
+        let sample = self.cache.take_next(selection);
+        if sample.is_some() && !self.blocked.is_empty() {
+            self.release();
+        }
+        sample
+    }
+
+    /// Reads up to `max` samples, which stay.
+    pub fn read(&mut self, max: usize, selection: &Selection) -> Vec<Sample> {
+        self.cache.collect(max, selection, Access::Read)
+    }
+
+    /// Whether there is a sample that has not been read.
+    pub fn has_data(&self) -> bool {
+        self.cache.unread_count > 0
+    }
+
+    /// Whether there is a sample that `selection` selects.
+    pub fn has_matching(&self, selection: &Selection) -> bool {
+        self.cache.has_matching(selection)
+    }
+
+    /// How many samples there are, read or not.
+    pub fn len(&self) -> usize {
+        self.cache.entries.len()
+    }
+
+    /// Whether there is no sample.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
 }
 
 impl Cache {
@@ -25,6 +75,11 @@ impl Cache {
     ) -> Vec<Sample> {
         let mut chosen = std::mem::take(&mut self.chosen);
         chosen.extend(self.select(selection).take(max));
+        self.hand_out(chosen, access)
+    }
+
+    /// Hands out samples by their places; makes these the room for those of the next time.
+    pub(super) fn hand_out(&mut self, mut chosen: Vec<u32>, access: Access) -> Vec<Sample> {
         let mut samples: Vec<Sample> = chosen
             .iter()
             .map(|place| self.sample(*place, access))
@@ -53,7 +108,7 @@ impl Cache {
         self.select(selection).next().is_some()
     }
 
-    fn select<'a>(&'a self, selection: &'a Selection) -> impl Iterator<Item = u32> + 'a {
+    pub(super) fn select<'a>(&'a self, selection: &'a Selection) -> impl Iterator<Item = u32> + 'a {
         let mut next = match selection.instance {
             Some(key) => self.samples_of(key),
             None => self.entries.arrival(),
@@ -73,7 +128,8 @@ impl Cache {
     fn is_selected(&self, place: u32, selection: &Selection) -> bool {
         let entry = self.entries.get(place);
         let instance = &self.instances[entry.instance];
-        selection.sample_states.contains(sample_state(entry))
+        entry.arrival < self.horizon
+            && selection.sample_states.contains(sample_state(entry))
             && selection.view_states.contains(instance.view)
             && selection.instance_states.contains(instance.state)
     }
@@ -112,6 +168,7 @@ impl Cache {
         let instance = entry.instance;
         if !was_read {
             self.unread_count -= 1;
+            self.seen(place);
         }
         self.instances[instance].view = ViewState::NotNew;
         self.instances[instance].collected = (0, 0);
@@ -137,6 +194,7 @@ fn info(entry: &Entry, instance: &Instance) -> SampleInfo {
         writer: entry.writer,
         sequence: entry.sequence,
         source_timestamp: entry.timestamp,
+        group_sequence: entry.group_sequence,
         reception: entry.reception,
         sample_state: sample_state(entry),
         view_state: instance.view,

@@ -1,11 +1,13 @@
 //! A change as it comes from a writer, and what it means to a reader (RTPS 2.5 sections 8.2.1.3 and 9.6.4).
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use bytes::Bytes;
 
 use super::ReaderConfig;
-use crate::wire::{Guid, InlineQos, KeyHash, PayloadKind, SequenceNumber, StatusInfo, Timestamp};
+use crate::wire::{
+    GroupDigest, Guid, InlineQos, KeyHash, PayloadKind, SequenceNumber, StatusInfo, Timestamp,
+};
 
 /// A change that is worth keeping.
 #[derive(Debug)]
@@ -14,10 +16,33 @@ pub(super) struct Change {
     pub(super) sequence: SequenceNumber,
     pub(super) timestamp: Option<Timestamp>,
     pub(super) reception: Instant,
+    /// When it is worth nothing any more, if ever.
+    pub(super) expiry: Option<Instant>,
     pub(super) instance: KeyHash,
     pub(super) status: StatusInfo,
     pub(super) valid_data: bool,
     pub(super) payload: Bytes,
+    /// What it belongs to, where the reader cares.
+    pub(super) membership: Option<Box<Membership>>,
+}
+
+/// The coherent set and the group that a change belongs to (RTPS 2.5 sections 8.7.5 and 8.7.6).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Membership {
+    coherent_set: Option<SequenceNumber>,
+    /// Its number among the changes of its publisher.
+    pub(super) sequence: Option<SequenceNumber>,
+    /// The group sequence number that the publisher's set begins with.
+    pub(super) group_set: Option<SequenceNumber>,
+    /// The writers of the publisher.
+    pub(super) writers: Option<GroupDigest>,
+}
+
+impl Membership {
+    /// The first change of its set; `None` where it only says that there is none, or none any more.
+    pub(super) fn set(&self) -> Option<SequenceNumber> {
+        self.coherent_set.filter(|first| first.0 > 0)
+    }
 }
 
 impl Change {
@@ -28,6 +53,7 @@ impl Change {
             sequence: SequenceNumber::UNKNOWN,
             timestamp: None,
             reception: now,
+            expiry: None,
             instance,
             status: StatusInfo {
                 unregistered: true,
@@ -35,7 +61,13 @@ impl Change {
             },
             valid_data: false,
             payload: Bytes::new(),
+            membership: None,
         }
+    }
+
+    /// Whether it is nothing to its instance.
+    pub(super) fn is_void(&self) -> bool {
+        !self.valid_data && self.status.is_alive()
     }
 }
 
@@ -78,7 +110,7 @@ impl Payload<'_> {
 pub(super) enum Meaning {
     /// An update of this instance.
     Update(KeyHash),
-    /// Nothing: its writer filtered it out, or it says nothing.
+    /// Nothing: its writer or this reader filtered it out, or it says nothing.
     Irrelevant,
     /// Its instance cannot be told from its payload.
     Malformed,
@@ -90,6 +122,12 @@ impl Arrival {
         let status = self.inline_qos.status;
         let has_data = self.kind == PayloadKind::Data;
         if status.filtered || (status.is_alive() && !has_data) {
+            return Meaning::Irrelevant;
+        }
+        if let Some(is_wanted) = &config.content_filter
+            && self.kind != PayloadKind::None
+            && !is_wanted(self.kind, payload)
+        {
             return Meaning::Irrelevant;
         }
         if !config.guid.entity.has_key() {
@@ -107,8 +145,15 @@ impl Arrival {
         }
     }
 
-    pub(super) fn to_change(&self, instance: KeyHash, payload: Bytes) -> Change {
+    /// The change, of a writer with this LIFESPAN.
+    pub(super) fn to_change(
+        &self,
+        instance: KeyHash,
+        payload: Bytes,
+        lifespan: Option<Duration>,
+    ) -> Change {
         Change {
+            expiry: self.expiry(lifespan),
             writer: self.writer,
             sequence: self.sequence,
             timestamp: self.timestamp,
@@ -117,6 +162,39 @@ impl Arrival {
             status: self.inline_qos.status,
             valid_data: self.kind == PayloadKind::Data,
             payload,
+            membership: None,
         }
+    }
+
+    /// A change in the place of one that is nothing to the reader, for what it says of coherent sets.
+    pub(super) fn to_void(&self) -> Change {
+        let change = self.to_change(KeyHash::default(), Bytes::new(), None);
+        Change {
+            status: StatusInfo::default(),
+            valid_data: false,
+            ..change
+        }
+    }
+
+    /// What the change belongs to, if anything.
+    pub(super) fn membership(&self) -> Option<Box<Membership>> {
+        let membership = Membership {
+            coherent_set: self.inline_qos.coherent_set,
+            sequence: self.inline_qos.group_sequence,
+            group_set: self.inline_qos.group_coherent_set,
+            writers: self.inline_qos.writer_group,
+        };
+        (membership != Membership::default()).then(|| Box::new(membership))
+    }
+
+    /// LIFESPAN counts from the reception: what a writer still sends is not over there, and how far its clock is off
+    /// is not known (DDS 1.4 section 2.2.3.16 allows it).
+    fn expiry(&self, lifespan: Option<Duration>) -> Option<Instant> {
+        let lifespan = match self.inline_qos.lifespan {
+            Some(own) => own.to_std(),
+            None => lifespan,
+        };
+        let has_data = self.kind == PayloadKind::Data;
+        self.reception.checked_add(lifespan.filter(|_| has_data)?)
     }
 }

@@ -163,8 +163,8 @@ impl<'a> MessageWriter<'a> {
 mod tests {
     use super::*;
     use crate::wire::{
-        FragmentNumberSet, KeyHash, MessageReceiver, Received, SequenceNumberSet, StatusInfo,
-        Submessage, WireError,
+        Duration, FragmentNumberSet, GroupDigest, HeartbeatGroup, KeyHash, MessageReceiver,
+        Received, SequenceNumberSet, StatusInfo, Submessage, WireError,
     };
 
     const OURS: GuidPrefix = GuidPrefix([1; 12]);
@@ -187,6 +187,10 @@ mod tests {
                 key_hash,
                 status,
                 coherent_set: Some(SEQUENCE),
+                group_sequence: Some(SEQUENCE.next()),
+                group_coherent_set: Some(SequenceNumber::UNKNOWN),
+                writer_group: Some(GroupDigest([1, 2, 3, 4])),
+                lifespan: Some(Duration::INFINITE),
             },
             kind: PayloadKind::Key,
             payload: &[0, 1, 0, 0, 1, 2, 3, 4],
@@ -206,6 +210,13 @@ mod tests {
                 count: 3,
                 is_final: true,
                 liveliness: true,
+                group: Some(HeartbeatGroup {
+                    current: SequenceNumber(9),
+                    first: SequenceNumber(3),
+                    last: SequenceNumber(7),
+                    writers: GroupDigest([5, 6, 7, 8]),
+                    secure_writers: GroupDigest::default(),
+                }),
             }),
             Submessage::AckNack(AckNack {
                 reader: READER,

@@ -43,6 +43,11 @@ impl Live {
         }
     }
 
+    /// Whether a part of the next change has been sent.
+    pub(super) fn is_in_change(&self) -> bool {
+        self.position.fragment > 1
+    }
+
     /// The change in the middle of which the stream is, and the last of its fragments that has been sent, when it is
     /// time to tell reliable readers.
     fn fragments_to_announce(&mut self) -> Option<(SequenceNumber, u32)> {
@@ -100,6 +105,9 @@ impl Writer {
             self.skip_live();
             return None;
         }
+        if let Some(transmit) = self.poll_selected(now, out) {
+            return Some(transmit);
+        }
         let layout = self.layout;
         let mut packet = Packet::undirected(out, &layout);
         // While there is more to send, a HEARTBEAT is a datagram of its own, so that those around it stay equally long.
@@ -118,6 +126,7 @@ impl Writer {
         self.release();
         is_sent.then(|| Transmit {
             destinations: self.destinations.clone(),
+            dscp: self.dscp,
         })
     }
 
@@ -149,7 +158,7 @@ impl Writer {
         let is_reliable = self.has_reliable_readers();
         let mut sent = Sent::default();
         let mut ends_with_fragment = false;
-        while self.live.end() <= self.last {
+        while self.live.end() <= self.last && !self.is_selected_next() {
             let next = self.history.next_from(self.live.end());
             let sequence = next.map_or_else(|| self.last.next(), |(sequence, _)| sequence);
             if !self.live.skip_removed(sequence, is_reliable, packet) {
@@ -165,10 +174,15 @@ impl Writer {
             sent.weight += change.weight();
             ends_with_fragment = self.layout.is_fragmented(change.payload.len());
         }
-        if is_reliable && sent.changes > 0 {
+        self.count_sent(now, sent, ends_with_fragment);
+    }
+
+    /// Notes what has been sent to readers, of which the last change was `fragmented` or not.
+    pub(super) fn count_sent(&mut self, now: Instant, mut sent: Sent, fragmented: bool) {
+        if self.has_reliable_readers() && sent.changes > 0 {
             let is_drained = self.live.end() > self.last;
             sent.flushes = u32::from(is_drained);
-            self.handle_sent(now, sent, is_drained && ends_with_fragment);
+            self.handle_sent(now, sent, is_drained && fragmented);
         }
     }
 

@@ -4,10 +4,14 @@
 //! and to no reader in particular (`live.rs`). What only one reader needs, repairs above all, goes to that reader
 //! alone (`directed.rs`), unless others wait for the same (`shared.rs`). HEARTBEATs travel with all of them.
 
+mod coherent;
 mod config;
 mod count;
 mod directed;
+mod group;
 mod heartbeat;
+mod interest;
+mod lifespan;
 mod live;
 mod liveliness;
 mod outbox;
@@ -15,8 +19,10 @@ mod packet;
 mod position;
 mod publication;
 mod reader_proxy;
+mod registry;
 mod requests;
 mod retention;
+mod selection;
 mod shared;
 mod suppression;
 #[cfg(test)]
@@ -29,20 +35,25 @@ use std::sync::Arc;
 use std::time::Instant;
 
 pub use config::{WriteError, WriterConfig, WriterEvent, WriterTiming};
+pub use group::Group;
 pub use publication::Publication;
 
+use coherent::CoherentSets;
 use heartbeat::Heartbeats;
+use lifespan::Expiry;
 use live::Live;
 use liveliness::Lease;
 use packet::{Layout, Packet};
 use position::Position;
 use publication::Publisher;
 use reader_proxy::{Base, ReaderProxy};
+use registry::Registry;
+use selection::Selection;
 use window::Window;
 
 use crate::history::{HistoryCache, NewChange};
 use crate::qos::{Durability, LivelinessKind, Qos};
-use crate::wire::{AckNack, Guid, NackFrag, SequenceNumber};
+use crate::wire::{AckNack, Guid, KeyHash, NackFrag, SequenceNumber};
 use crate::{RemoteEndpoint, Transmit};
 
 /// A writer, its history and its proxies of matched readers.
@@ -54,6 +65,8 @@ pub struct Writer {
     last: SequenceNumber,
     live: Live,
     readers: BTreeMap<Guid, ReaderProxy>,
+    /// What its datagrams are marked with.
+    dscp: u8,
     /// The addresses of all readers, each once.
     destinations: Arc<[SocketAddr]>,
     /// What all reliable readers have acknowledged; `None` without any.
@@ -62,6 +75,10 @@ pub struct Writer {
     /// Changes from here on count in the window; `None` without reliable readers.
     window_base: Option<SequenceNumber>,
     heartbeats: Heartbeats,
+    sets: CoherentSets,
+    selection: Selection,
+    expiry: Expiry,
+    registry: Option<Box<Registry>>,
     lease: Lease,
     /// Readers that are to be sent something of their own.
     queue: VecDeque<Guid>,
@@ -72,6 +89,8 @@ pub struct Writer {
     /// Unregistrations whose instances are still in the history.
     unregistered: VecDeque<SequenceNumber>,
     events: Events,
+    /// Instances of which a deadline has passed.
+    missed: VecDeque<KeyHash>,
     /// Where another answers readers as well.
     publisher: Option<Publisher>,
 }
@@ -87,24 +106,30 @@ impl Writer {
     /// A writer without readers.
     pub fn new(config: WriterConfig) -> Self {
         Self {
-            layout: Layout::new(config.guid, config.datagram_size),
+            layout: Layout::new(config.guid, config.datagram_size, &config.qos),
             heartbeats: Heartbeats::new(config.timing.count_clock),
             window: Window::new(&config.timing),
             window_base: None,
-            config,
             history: HistoryCache::default(),
             last: SequenceNumber::ZERO,
             live: Live::new(),
             readers: BTreeMap::new(),
+            dscp: dscp(config.qos.transport_priority),
             destinations: Arc::new([]),
             lowest_acknowledged: None,
+            sets: CoherentSets::default(),
+            selection: Selection::default(),
+            expiry: Expiry::new(config.qos.lifespan.0.to_std()),
+            registry: Registry::new(&config.qos),
             lease: Lease::default(),
             queue: VecDeque::new(),
             may_share: false,
             next_answer: None,
             unregistered: VecDeque::new(),
             events: Events::default(),
+            missed: VecDeque::new(),
             publisher: None,
+            config,
         }
     }
 
@@ -118,8 +143,15 @@ impl Writer {
         &self.config.qos
     }
 
-    /// Replaces its policies; those that DDS calls unchangeable must stay the same.
+    /// Replaces its policies; those that DDS calls unchangeable must stay the same. LIFESPAN and TRANSPORT_PRIORITY apply to
+    /// what is written and sent from now on.
     pub fn set_qos(&mut self, qos: Qos) {
+        self.expiry.set_lifespan(qos.lifespan.0.to_std());
+        match &mut self.registry {
+            Some(registry) => registry.set_period(qos.deadline.0.to_std()),
+            None => self.registry = Registry::new(&qos),
+        }
+        self.dscp = dscp(qos.transport_priority);
         self.config.qos = qos;
     }
 
@@ -137,18 +169,20 @@ impl Writer {
     /// # Errors
     /// Where the history has no room for it.
     pub fn write(&mut self, now: Instant, change: NewChange) -> Result<SequenceNumber, WriteError> {
-        self.make_room(&change)?;
-        self.last = self.last.next();
-        self.note_unregistration(change.kind, self.last);
-        if self.keeps_past() || !self.readers.is_empty() {
-            self.history.insert(self.last, change);
-        }
-        if self.readers.is_empty() {
-            self.live.skip_to(self.last.next());
-            self.release();
-        }
-        self.lease.renew(now, self.config.qos.liveliness);
-        Ok(self.last)
+        self.write_as_member(now, change, None)
+    }
+
+    /// As [`write`](Self::write) for a writer of a publisher, whose group it is.
+    ///
+    /// # Errors
+    /// Where the history has no room for it; the group stays as it was.
+    pub fn write_in_group(
+        &mut self,
+        now: Instant,
+        change: NewChange,
+        group: &mut Group,
+    ) -> Result<SequenceNumber, WriteError> {
+        self.write_as_member(now, change, Some(group))
     }
 
     /// Takes a change out of the history; reliable readers that lack it are told that it will not come.
@@ -259,6 +293,13 @@ impl Writer {
         if self.heartbeats.expire(now) {
             self.remind_readers(now);
         }
+        if self.expiry.expire(now, &mut self.history) {
+            // There is room again.
+            self.events.acknowledged = true;
+        }
+        while let Some(instance) = self.next_missed(now) {
+            self.missed.push_back(instance);
+        }
         self.events.liveliness_lost |= self.lease.expire(now);
     }
 
@@ -267,6 +308,10 @@ impl Writer {
         let timers = [
             self.next_answer,
             self.heartbeats.deadline(),
+            self.expiry.deadline(),
+            self.registry
+                .as_ref()
+                .and_then(|registry| registry.deadline()),
             self.lease.deadline(),
         ];
         timers.into_iter().flatten().min()
@@ -284,7 +329,44 @@ impl Writer {
         if std::mem::take(&mut self.events.acknowledged) {
             return Some(WriterEvent::Acknowledged);
         }
+        if let Some(instance) = self.missed.pop_front() {
+            return Some(WriterEvent::DeadlineMissed { instance });
+        }
         std::mem::take(&mut self.events.liveliness_lost).then_some(WriterEvent::LivelinessLost)
+    }
+
+    fn write_as_member(
+        &mut self,
+        now: Instant,
+        change: NewChange,
+        group: Option<&mut Group>,
+    ) -> Result<SequenceNumber, WriteError> {
+        self.make_room(&change)?;
+        let membership = self.next_membership(group);
+        self.last = self.last.next();
+        self.note_unregistration(change.kind, self.last);
+        if let Some(registry) = &mut self.registry {
+            registry.note(now, change.instance, change.kind);
+        }
+        if self.keeps_past() || !self.readers.is_empty() {
+            self.history.insert_member(self.last, change, membership);
+            self.expiry.watch(now, self.last, &self.history);
+        }
+        self.skip_without_readers();
+        self.lease.renew(now, self.config.qos.liveliness);
+        Ok(self.last)
+    }
+
+    fn next_missed(&mut self, now: Instant) -> Option<KeyHash> {
+        self.registry.as_mut()?.poll_missed(now)
+    }
+
+    /// Without readers, what has been written counts as sent.
+    fn skip_without_readers(&mut self) {
+        if self.readers.is_empty() {
+            self.live.skip_to(self.last.next());
+            self.release();
+        }
     }
 
     fn add_reader(&mut self, now: Instant, remote: &RemoteEndpoint) {
@@ -353,6 +435,7 @@ impl Writer {
             .flat_map(ReaderProxy::addresses)
             .collect();
         self.destinations = addresses.into_iter().collect();
+        self.refresh_selection();
         self.refresh_acknowledged();
     }
 
@@ -375,4 +458,10 @@ impl Writer {
         self.release();
         self.events.acknowledged = true;
     }
+}
+
+/// The DSCP of a TRANSPORT_PRIORITY (DDS 1.4 section 2.2.3.15): the same number, as far as there is one.
+fn dscp(priority: i32) -> u8 {
+    const MAX: i32 = 63;
+    priority.clamp(0, MAX) as u8
 }

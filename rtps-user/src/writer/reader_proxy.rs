@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use super::WriterTiming;
 use super::count::LastCount;
+use super::interest::Interest;
 use super::outbox::Outbox;
 use crate::RemoteEndpoint;
 use crate::count::Count;
@@ -53,6 +54,7 @@ pub(super) struct ReaderProxy {
     answered_at: Option<Instant>,
     /// Whether it stands in the writer's queue of readers to be sent something.
     pub(super) is_queued: bool,
+    pub(super) interest: Interest,
     pub(super) outbox: Outbox,
 }
 
@@ -80,6 +82,7 @@ impl ReaderProxy {
             heartbeat_count: Count::default(),
             answered_at: None,
             is_queued: false,
+            interest: Interest::of(remote),
             outbox: Outbox::default(),
         }
     }

@@ -1,6 +1,7 @@
 //! Types that the tests share: every kind of type, nested in one another.
 
 mod evolution;
+mod fields;
 mod hostile;
 mod keys;
 mod round_trip;

@@ -308,6 +308,10 @@ impl Link for InProcessLink {
 
     fn awake(&mut self) {}
 
+    fn has_news(&self, now: Instant) -> bool {
+        !self.inbox.is_empty() || self.due.is_some_and(|due| due <= now)
+    }
+
     fn poll_timeout(&self) -> Option<Instant> {
         self.due
     }

@@ -152,6 +152,11 @@ impl Control {
         self.inbox.pop_front()
     }
 
+    /// Whether rtpsd has said something, or something is due at `now`.
+    pub(super) fn has_news(&self, now: Instant) -> bool {
+        !self.inbox.is_empty() || self.due.is_some_and(|due| due <= now)
+    }
+
     /// Takes what has arrived.
     pub(super) fn receive(&mut self, now: Instant) -> Option<ControlEvent> {
         for _ in 0..PACKETS_AT_ONCE {

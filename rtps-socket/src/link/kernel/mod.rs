@@ -240,7 +240,7 @@ impl Link for KernelLink {
             .drain(RECORDS_AT_ONCE, |record| match record::parse(record) {
                 // Those addresses are for what comes out of channels.
                 Some((source, _)) if local::is_local(source.ip()) => {}
-                Some((source, message)) => sink(source, message),
+                Some((source, messages)) => messages.for_each(|message| sink(source, message)),
                 None => tracing::warn!(len = record.len(), "a record of the ring is malformed"),
             });
         self.doorbell.took(records, wakeups.contains(DOORBELL));
@@ -271,6 +271,10 @@ impl Link for KernelLink {
     fn awake(&mut self) {
         self.bell.disarm();
         self.channels.disarm();
+    }
+
+    fn has_news(&self, now: Instant) -> bool {
+        self.is_lost || self.control.has_news(now)
     }
 
     fn poll_timeout(&self) -> Option<Instant> {

@@ -3,20 +3,6 @@
 use super::*;
 use crate::qos::{History, ResourceLimits};
 
-const ALIVE: StatusInfo = StatusInfo {
-    disposed: false,
-    unregistered: false,
-    filtered: false,
-};
-const DISPOSED: StatusInfo = StatusInfo {
-    disposed: true,
-    ..ALIVE
-};
-const UNREGISTERED: StatusInfo = StatusInfo {
-    unregistered: true,
-    ..ALIVE
-};
-
 fn keep_last(depth: u32) -> Qos {
     Qos {
         history: History::KeepLast(depth),
@@ -273,7 +259,7 @@ fn a_dispose_names_its_instance_by_key_hash_or_by_key() {
     let disposed = |key_hash| InlineQos {
         key_hash,
         status: DISPOSED,
-        coherent_set: None,
+        ..InlineQos::default()
     };
     bench.submit(1, InlineQos::default(), PayloadKind::Data, &[0, 0, 0, 0, 8]);
     bench.submit(2, InlineQos::default(), PayloadKind::Data, &[0, 0, 0, 0, 9]);

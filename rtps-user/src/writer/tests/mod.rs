@@ -1,6 +1,9 @@
 //! A writer alone, its readers played by hand: exactly which submessages leave it, and when.
 
+mod coherent;
 mod flow;
+mod policies;
+mod selection;
 mod shared;
 
 use std::net::SocketAddr;
@@ -127,6 +130,13 @@ impl Bench {
     }
 
     fn sent(&mut self) -> Vec<Sent> {
+        self.sent_as(describe)
+    }
+
+    fn sent_as<T>(
+        &mut self,
+        describe: impl Fn(&Submessage<'_>) -> T,
+    ) -> Vec<(Vec<SocketAddr>, Vec<T>)> {
         let mut out = Vec::new();
         let mut sent = Vec::new();
         let mut start = 0;

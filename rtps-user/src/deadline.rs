@@ -1,6 +1,6 @@
 //! DEADLINE: when instances must have got their next sample (DDS 1.4 section 2.2.3.7).
 //!
-//! Each watched instance has one entry; arrivals do not move it. When an entry is due, the cache looks at when
+//! Each watched instance has one entry; samples do not move it. When an entry is due, its owner looks at when
 //! the instance was updated and has it watched on from there.
 
 use std::collections::BTreeSet;
@@ -8,15 +8,16 @@ use std::time::{Duration, Instant};
 
 use crate::wire::KeyHash;
 
+/// The entries of a reader or a writer.
 #[derive(Debug, Default)]
-pub(super) struct Deadlines {
+pub(crate) struct Deadlines {
     period: Option<Duration>,
     due: BTreeSet<(Instant, KeyHash)>,
 }
 
 impl Deadlines {
     /// Sets the period; instances already watched keep their next deadline.
-    pub(super) fn set_period(&mut self, period: Option<Duration>) {
+    pub(crate) fn set_period(&mut self, period: Option<Duration>) {
         self.period = period;
         if period.is_none() {
             self.due.clear();
@@ -24,7 +25,7 @@ impl Deadlines {
     }
 
     /// Watches an instance that has waited since `since`; false when there is no deadline.
-    pub(super) fn watch(&mut self, instance: KeyHash, since: Instant) -> bool {
+    pub(crate) fn watch(&mut self, instance: KeyHash, since: Instant) -> bool {
         let Some(at) = self.period.and_then(|period| since.checked_add(period)) else {
             return false;
         };
@@ -33,18 +34,19 @@ impl Deadlines {
     }
 
     /// Whether an instance that was updated at `updated` should have been updated again by now.
-    pub(super) fn is_missed(&self, updated: Instant, now: Instant) -> bool {
+    pub(crate) fn is_missed(&self, updated: Instant, now: Instant) -> bool {
         self.period
             .and_then(|period| updated.checked_add(period))
             .is_some_and(|at| at <= now)
     }
 
-    pub(super) fn next(&self) -> Option<Instant> {
+    /// When the next entry is due.
+    pub(crate) fn next(&self) -> Option<Instant> {
         self.due.first().map(|(at, _)| *at)
     }
 
     /// Takes an instance whose entry is due.
-    pub(super) fn pop(&mut self, now: Instant) -> Option<KeyHash> {
+    pub(crate) fn pop(&mut self, now: Instant) -> Option<KeyHash> {
         let first = *self.due.first()?;
         (first.0 <= now).then(|| {
             self.due.remove(&first);
