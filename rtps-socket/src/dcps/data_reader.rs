@@ -32,7 +32,7 @@ impl<T: DdsType> DataReader<T> {
         mut template: Template,
         filter: Option<&Filter>,
     ) -> Result<Self, CreateError> {
-        template.type_information = T::type_information();
+        template.types = T::type_support();
         if let Some(filter) = filter {
             let (announced, payloads) = filter.current();
             template.content_filter = Some(announced);

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use rtps_user::layer::protocol::{Endpoint, MAX_PROTOCOL_MESSAGE, ToLayer};
 use rtps_user::qos::{ContentFilter, DataRepresentation, History};
 use rtps_user::wire::{EntityId, EntityKind};
+use rtps_user::xtypes::TypeSupport;
 
 use super::Group;
 use crate::driver::{Declaration, Inherits, MakeFilter};
@@ -18,8 +19,8 @@ use crate::qos::policies;
 pub(crate) struct Template {
     pub(crate) topic: String,
     pub(crate) type_name: String,
-    /// TypeInformation, serialized; may be empty.
-    pub(crate) type_information: Vec<u8>,
+    /// What others are told of the type; may be nothing.
+    pub(crate) types: TypeSupport,
     /// What a reader wants of its topic, if not all.
     pub(crate) content_filter: Option<ContentFilter>,
     /// The same, for the reader itself.
@@ -40,7 +41,7 @@ impl Template {
         Self {
             topic: topic.to_owned(),
             type_name: type_name.to_owned(),
-            type_information: Vec::new(),
+            types: TypeSupport::default(),
             content_filter: None,
             payload_filter: None,
             make_filter: None,
@@ -78,7 +79,8 @@ impl Template {
             entity,
             topic: self.topic.clone(),
             type_name: self.type_name.clone(),
-            type_information: self.type_information.clone(),
+            type_information: self.types.information.clone(),
+            type_objects: self.types.objects.clone(),
             content_filter: self.content_filter.clone(),
             qos: self.qos.clone(),
         }

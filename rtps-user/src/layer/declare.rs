@@ -22,9 +22,16 @@ impl Layer {
         &mut self,
         now: Instant,
         slot: u8,
-        endpoint: Endpoint,
+        mut endpoint: Endpoint,
     ) -> Result<(), String> {
         self.check_endpoint(slot, &endpoint)?;
+        let objects = std::mem::take(&mut endpoint.type_objects);
+        if !objects.is_empty() && self.matchmaker.add_types(&objects).is_err() {
+            return Err(format!(
+                "the TypeObjects of type {} are malformed",
+                endpoint.type_name
+            ));
+        }
         let entity = endpoint.entity;
         let mut replaced = None;
         if let Some(known) = self.apps.endpoint_mut(entity) {

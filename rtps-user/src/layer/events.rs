@@ -30,6 +30,14 @@ impl Layer {
                     participant,
                     manual,
                 } => self.tell_liveliness(participant, manual),
+                DiscoveryEvent::TypesRequested(request) => {
+                    let reply = request.answer(self.matchmaker.types());
+                    self.discovery.reply_to_lookup(reply);
+                }
+                DiscoveryEvent::TypesFound(objects) => {
+                    let changes = self.matchmaker.learn_types(&objects);
+                    self.apply(changes);
+                }
                 DiscoveryEvent::Asserted { sequence, manual } => {
                     self.tell_liveliness(self.config.prefix, manual);
                     self.store(Record::NextSequence {
@@ -69,6 +77,8 @@ impl Layer {
         for writer in writers {
             self.refresh_route(writer);
         }
+        let wanted = self.matchmaker.take_wanted_types();
+        self.discovery.ask_for_types(wanted);
         for change in changes {
             self.supervise(&change);
             self.tell(change);

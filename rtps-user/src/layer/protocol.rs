@@ -13,7 +13,7 @@ use crate::qos::{ContentFilter, PolicyId, Qos};
 use crate::wire::{EntityId, Guid, GuidPrefix};
 
 /// Changes with every incompatible change of this file.
-pub const LAYER_PROTOCOL_VERSION: u32 = 4;
+pub const LAYER_PROTOCOL_VERSION: u32 = 5;
 
 /// The longest encoded value, in bytes; longer ones are refused before they are read.
 pub const MAX_PROTOCOL_MESSAGE: usize = 128 * 1024;
@@ -172,6 +172,9 @@ pub struct Endpoint {
     pub type_name: String,
     /// TypeInformation of the type, serialized (XTypes 1.3 section 7.6.3.2.1); may be empty.
     pub type_information: Vec<u8>,
+    /// TypeMapping of the type, serialized: the TypeObjects that the TypeInformation names. The layer serves them to
+    /// others, and does not tell them again.
+    pub type_objects: Vec<u8>,
     /// What a reader wants of the topic, if not all.
     pub content_filter: Option<ContentFilter>,
     /// Its policies.
