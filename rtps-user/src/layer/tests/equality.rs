@@ -297,10 +297,10 @@ fn an_unknown_participant_is_answered_alike() {
                 SubmessageKind::HEARTBEAT,
             ]]
         );
-        // The layer goes on to greet the remote writers.
+        // The layer goes on to greet the remote writers, and those of the TypeLookup service as well.
         let greetings = by_layer.split_off(1);
         let greeting = vec![SubmessageKind::INFO_DST, SubmessageKind::ACKNACK];
-        assert_eq!(kinds(&greetings), vec![greeting; 3]);
+        assert_eq!(kinds(&greetings), vec![greeting; 5]);
         assert_eq!(by_kernel, by_layer);
     }
 }
