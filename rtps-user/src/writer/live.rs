@@ -113,7 +113,7 @@ impl Writer {
         if let Some(transmit) = self.poll_selected(now, out) {
             return Some(transmit);
         }
-        let layout = self.layout;
+        let layout = self.layout.clone();
         let mut packet = Packet::undirected(out, &layout);
         // While there is more to send, a HEARTBEAT is a datagram of its own, so that those around it stay equally long.
         let is_owed = self.heartbeats.is_due();

@@ -55,8 +55,9 @@ use selection::Selection;
 use window::Window;
 
 use crate::history::{HistoryCache, NewChange};
+use crate::qos::parameters::write_inline_qos;
 use crate::qos::{Durability, LivelinessKind, Qos};
-use crate::wire::{AckNack, Guid, KeyHash, NackFrag, SequenceNumber};
+use crate::wire::{AckNack, Guid, KeyHash, NackFrag, ParameterWriter, SequenceNumber};
 use crate::{RemoteEndpoint, Transmit};
 
 /// A writer, its history and its proxies of matched readers.
@@ -158,6 +159,7 @@ impl Writer {
         }
         self.dscp = dscp(qos.transport_priority);
         self.config.qos = qos;
+        self.refresh_layout();
     }
 
     /// Goes on where an earlier run of the same writer stopped: with the sequence number `next`, and HEARTBEAT
@@ -208,6 +210,12 @@ impl Writer {
     /// Whether every matched reliable reader has acknowledged the changes up to this one.
     pub fn acknowledged_by_all(&self, sequence: SequenceNumber) -> bool {
         self.acknowledged() >= sequence
+    }
+
+    /// Whether a matched reader has acknowledged the changes up to this one; best-effort readers need not.
+    pub fn is_acknowledged_by(&self, reader: Guid, sequence: SequenceNumber) -> bool {
+        let proxy = self.readers.get(&reader);
+        proxy.is_some_and(|proxy| !proxy.is_reliable() || proxy.base().acknowledged >= sequence)
     }
 
     /// Begins to serve a reader, or takes in new locators of a reader that is served already.
@@ -454,8 +462,24 @@ impl Writer {
             .flat_map(ReaderProxy::addresses)
             .collect();
         self.destinations = addresses.into_iter().collect();
+        self.refresh_layout();
         self.refresh_selection();
         self.refresh_acknowledged();
+    }
+
+    /// All readers get inline QoS as soon as one of them expects it, because they share datagrams.
+    fn refresh_layout(&mut self) {
+        let topic = self.readers.values().find_map(ReaderProxy::inline_topic);
+        if topic.is_none() && !self.layout.has_parameters() {
+            return;
+        }
+        let WriterConfig { guid, qos, .. } = &self.config;
+        let layout = Layout::new(*guid, self.config.datagram_size, qos);
+        let mut parameters = Vec::new();
+        if let Some(topic) = topic {
+            write_inline_qos(qos, topic, &mut ParameterWriter::new(&mut parameters));
+        }
+        self.layout = layout.with_parameters(&parameters);
     }
 
     fn refresh_acknowledged(&mut self) {
