@@ -1,6 +1,8 @@
 //! Reading and taking: which samples are handed out, and the states and ranks that go with them
 //! (DDS 1.4 sections 2.2.2.5.1 and 2.2.2.5.3.8).
 
+use std::collections::HashMap;
+
 use bytes::Bytes;
 
 use super::cache::Cache;
@@ -66,7 +68,8 @@ impl Reader {
 }
 
 impl Cache {
-    /// Hands out up to `max` samples that `selection` selects, in the order of arrival.
+    /// Hands out up to `max` samples that `selection` selects: in the order of arrival, or instance by instance where
+    /// PRESENTATION wants that.
     pub(super) fn collect(
         &mut self,
         max: usize,
@@ -74,8 +77,24 @@ impl Cache {
         access: Access,
     ) -> Vec<Sample> {
         let mut chosen = std::mem::take(&mut self.chosen);
-        chosen.extend(self.select(selection).take(max));
+        if self.is_by_instance {
+            chosen.extend(self.select(selection));
+            self.group_by_instance(&mut chosen);
+            chosen.truncate(max);
+        } else {
+            chosen.extend(self.select(selection).take(max));
+        }
         self.hand_out(chosen, access)
+    }
+
+    /// Puts the samples of an instance behind its first one.
+    fn group_by_instance(&self, chosen: &mut [u32]) {
+        let instance_of = |place: u32| self.entries.get(place).instance;
+        let mut first = HashMap::new();
+        for (number, place) in chosen.iter().enumerate() {
+            first.entry(instance_of(*place)).or_insert(number);
+        }
+        chosen.sort_by_key(|place| first.get(&instance_of(*place)));
     }
 
     /// Hands out samples by their places; makes these the room for those of the next time.

@@ -19,7 +19,7 @@ use super::rules::Rules;
 use super::timers::Timers;
 use super::{InstanceState, ReaderConfig, ReaderEvent};
 use crate::deadline::Deadlines;
-use crate::qos::{Ownership, Qos};
+use crate::qos::{Ownership, Presentation, PresentationScope, Qos};
 use crate::table::Table;
 use crate::wire::{Guid, KeyHash, StatusInfo};
 
@@ -49,6 +49,8 @@ pub(super) struct Cache {
     pub(super) horizon: u64,
     /// The instances with samples, by their keys, once somebody walks over them.
     pub(super) walked: Option<BTreeSet<KeyHash>>,
+    /// PRESENTATION asks for access with INSTANCE scope: samples of an instance are handed out together.
+    pub(super) is_by_instance: bool,
     /// Room for the places of the samples that are being handed out; empty in between.
     pub(super) chosen: Vec<u32>,
 }
@@ -60,6 +62,13 @@ fn is_timed(qos: &Qos) -> bool {
         || !lifecycle.autopurge_nowriter_samples_delay.is_infinite()
         || !lifecycle.autopurge_disposed_samples_delay.is_infinite()
         || qos.time_based_filter.0 != crate::wire::Duration::ZERO
+}
+
+/// Whether samples of an instance are handed out together (DDS 1.4 section 2.2.2.5.3.8). The standard has it so wherever
+/// access is not ordered beyond instances; who asks for nothing gets the order of arrival, which costs nothing.
+fn is_by_instance(presentation: Presentation) -> bool {
+    let is_asked_for = presentation.coherent || presentation.ordered;
+    is_asked_for && presentation.scope == PresentationScope::Instance
 }
 
 impl Cache {
@@ -84,6 +93,7 @@ impl Cache {
             is_filtered: config.content_filter.is_some(),
             horizon: u64::MAX,
             walked: None,
+            is_by_instance: is_by_instance(qos.presentation),
             chosen: Vec::new(),
         }
     }

@@ -1,7 +1,7 @@
 //! Instances, HISTORY, RESOURCE_LIMITS, and what applications see of them.
 
 use super::*;
-use crate::qos::{History, ResourceLimits};
+use crate::qos::{History, Presentation, ResourceLimits};
 
 fn keep_last(depth: u32) -> Qos {
     Qos {
@@ -357,4 +357,23 @@ fn taking_one_makes_room_for_what_waits() {
     assert_eq!(take(&mut bench), Some(1));
     assert_eq!(take(&mut bench), Some(2));
     assert_eq!(take(&mut bench), None);
+}
+
+#[test]
+fn instance_scope_hands_out_instance_by_instance() {
+    let presentation = Presentation {
+        ordered: true,
+        ..Presentation::default()
+    };
+    let qos = Qos {
+        presentation,
+        ..reliable()
+    };
+    let mut bench = Bench::started(qos.clone(), qos);
+    for sequence in 1..=6 {
+        bench.sample(sequence, key(9 - (sequence % 2) as u8), ALIVE, b"data");
+    }
+    let some = bench.reader.read(4, &Selection::default());
+    assert_eq!(sequences(&some), [1, 3, 5, 2]);
+    assert_eq!(bench.taken(), [1, 3, 5, 2, 4, 6]);
 }
