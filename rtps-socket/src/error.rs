@@ -144,6 +144,9 @@ pub enum WaitError {
     /// The layer was set up anew, and the participant is no longer part of the domain.
     #[error("the layer was unloaded: open the participant again")]
     LayerLost,
+    /// Repairs are under way, or a writer has stopped.
+    #[error("the history of a matched writer has not come in time")]
+    HistoryIncomplete,
     /// Samples are under way, or a reader has stopped.
     #[error("a reliable reader has not acknowledged everything in time")]
     Unacknowledged,

@@ -32,7 +32,7 @@ impl<T: DdsType> DataReader<T> {
         mut template: Template,
         filter: Option<&Filter>,
     ) -> Result<Self, CreateError> {
-        template.type_information = T::type_information();
+        template.describe::<T>();
         if let Some(filter) = filter {
             let (announced, payloads) = filter.current();
             template.content_filter = Some(announced);
@@ -42,9 +42,9 @@ impl<T: DdsType> DataReader<T> {
         let reader = socket.create_reader_of(template, instance_of)?;
         let filtered = filter.map(|filter| {
             let setter = Arc::new(reader.filter_setter());
-            filter.follow(&setter);
-            setter
+            filter.follow(&setter).map(|()| setter)
         });
+        let filtered = filtered.transpose()?;
         Ok(Self {
             reader,
             keys: Keys::default(),
@@ -107,6 +107,15 @@ impl<T: DdsType> DataReader<T> {
     /// When there are fewer after `timeout`.
     pub fn wait_for_matched(&self, count: usize, timeout: Duration) -> Result<(), WaitError> {
         self.reader.wait_for_matched(count, timeout)
+    }
+
+    /// Waits until everything has come that writers matched now keep for readers that come late: of TRANSIENT_LOCAL and
+    /// up. Of writers that are still to be matched it knows nothing: see [`wait_for_matched`](Self::wait_for_matched).
+    ///
+    /// # Errors
+    /// When it has not before `timeout`.
+    pub fn wait_for_historical_data(&self, timeout: Duration) -> Result<(), WaitError> {
+        self.reader.wait_for_historical_data(timeout)
     }
 
     /// Its policies, with those of its subscriber.

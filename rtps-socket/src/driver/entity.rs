@@ -279,6 +279,7 @@ mod tests {
             topic: "Square".to_owned(),
             type_name: "ShapeType".to_owned(),
             type_information: Vec::new(),
+            type_objects: Vec::new(),
             content_filter: None,
             qos: Qos::default(),
         };

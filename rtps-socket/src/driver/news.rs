@@ -50,6 +50,7 @@ impl Core {
                 tracing::error!("the layer refuses: {reason}");
                 self.report_all(&StatusEvent::Refused { reason });
             }
+            FromLayer::Discovered(news) => self.handle_discovered(now, news),
             // These are for the link.
             FromLayer::Welcome(_)
             | FromLayer::FanOut { .. }

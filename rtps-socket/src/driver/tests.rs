@@ -129,6 +129,7 @@ fn declaration(entity: EntityId) -> Declaration {
             topic: "Square".to_owned(),
             type_name: "Shape".to_owned(),
             type_information: Vec::new(),
+            type_objects: Vec::new(),
             content_filter: None,
             qos: Qos::default(),
         },

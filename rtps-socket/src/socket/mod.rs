@@ -26,7 +26,7 @@ pub(crate) use self::group::Group;
 pub(crate) use self::template::Template;
 
 use self::endpoint::EndpointHandle;
-use crate::driver::{Core, Driver};
+use crate::driver::{Core, Driver, Shared};
 use crate::error::CreateError;
 use crate::link::LayerKind;
 use crate::qos::Qos;
@@ -152,6 +152,10 @@ impl RtpsSocket {
         self.driver
             .shared()
             .with(|core, _| core.set_entity_listener(None, mask, Arc::new(listener)));
+    }
+
+    pub(crate) fn shared(&self) -> &Shared {
+        self.driver.shared()
     }
 
     /// A publisher or subscriber.

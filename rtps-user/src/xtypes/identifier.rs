@@ -173,6 +173,21 @@ impl TypeIdentifier {
         }
     }
 
+    /// Adds the hashes that are in it.
+    pub(super) fn add_hashes(&self, hashes: &mut Vec<TypeHash>) {
+        match self {
+            Self::Hash(hash) => hashes.push(*hash),
+            Self::Sequence { element, .. } | Self::Array { element, .. } => {
+                element.add_hashes(hashes);
+            }
+            Self::Map { key, element, .. } => {
+                key.add_hashes(hashes);
+                element.add_hashes(hashes);
+            }
+            Self::Primitive(_) | Self::String { .. } | Self::Component { .. } => {}
+        }
+    }
+
     /// The equivalence kind of a plain collection's header.
     fn equivalence(&self) -> u8 {
         match self {

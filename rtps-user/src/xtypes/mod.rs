@@ -8,13 +8,19 @@
 //!
 //! What comes from the wire is bounded: nesting, the number and the size of what is kept, and the steps of a comparison.
 
+mod assignability;
 mod builder;
 mod definition;
 mod identifier;
 mod information;
+mod library;
+pub mod lookup;
+mod object;
 mod xcdr;
 
+pub use assignability::Assignable;
 pub use builder::{TypeBuilder, TypePair, TypeSupport};
 pub use definition::{Definition, Extensibility, Literal, StructMember, UnionMember};
 pub use identifier::{Equivalence, TypeHash, TypeIdentifier, TypeKind};
-pub use information::TypeInformation;
+pub use information::{Dependencies, TypeInformation};
+pub use library::TypeLibrary;

@@ -160,6 +160,14 @@ impl<'a> Reader<'a> {
         Ok(value)
     }
 
+    /// The bytes of an object from its DHEADER on.
+    pub(super) fn object(&mut self) -> Result<&'a [u8], WireError> {
+        self.cursor.align(4)?;
+        let len = self.clone().u32()?;
+        let len = usize::try_from(len).map_err(|_| WireError::UnexpectedEnd)?;
+        self.take(len.saturating_add(4))
+    }
+
     /// Reads a sequence of what is not primitive. Memory follows what has been read.
     pub(super) fn sequence<T>(
         &mut self,

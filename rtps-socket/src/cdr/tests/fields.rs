@@ -22,7 +22,7 @@ struct Everything {
     note: Option<String>,
     legs: Vec<Place>,
     grid: [[i32; 2]; 2],
-    next: Option<Box<Everything>>,
+    next: Option<Box<Self>>,
     shape: Shape,
     #[dds(non_serialized)]
     local: i32,
