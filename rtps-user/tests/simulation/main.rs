@@ -12,6 +12,7 @@ mod hostile;
 mod instances;
 mod network;
 mod operations;
+mod policies;
 mod random;
 mod reliability;
 mod sample;
