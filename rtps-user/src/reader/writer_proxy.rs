@@ -330,10 +330,11 @@ impl WriterProxy {
         for number in gap.list.iter().filter(|number| *number < believed) {
             self.irrelevant(number, number.next());
         }
-        self.advance(cache, events);
         if is_start && !self.has_past {
-            self.break_sets(self.next, cache, events);
+            // Before what has come already gets its turn: the sets that begin here are whole.
+            self.break_sets(gap.list.base.min(believed), cache, events);
         }
+        self.advance(cache, events);
     }
 
     /// Deals with irrelevant numbers from `start` to below `end`.

@@ -10,6 +10,7 @@ mod fragments;
 mod history;
 mod hostile;
 mod instances;
+mod marathon;
 mod network;
 mod operations;
 mod policies;
