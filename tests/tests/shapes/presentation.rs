@@ -3,7 +3,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use anyhow::{Context, Result, ensure};
+use rtps_tests::loss::Loss;
 use rtps_tests::process::Process;
+use rtps_tests::{require, skip_unless};
 
 use crate::lines::{self, Sample};
 use crate::stage::{Ends, on_both_layers, on_the_in_process_layer};
@@ -15,6 +17,8 @@ on_both_layers! {
 
 on_the_in_process_layer! {
     sets_of_an_instance_are_whole,
+    repeated_sets_are_whole,
+    lost_sets_are_absent,
     ordered_within_a_topic,
     ordered_within_an_instance,
     an_open_set_is_not_seen,
@@ -112,14 +116,65 @@ fn sets_of_a_topic_are_whole(ends: &Ends<'_>) -> Result<()> {
 fn sets_of_a_group_are_whole(ends: &Ends<'_>) -> Result<()> {
     let _publisher = publisher(ends, 'g', 3)?;
     let subscriber = subscriber(ends, 'g', 3)?;
-    for iteration in wait_sets(&subscriber, 180)? {
-        let instances = by_instance(&iteration);
+    ensure_whole_groups(&subscriber)
+}
+
+fn ensure_whole_groups(subscriber: &Process) -> Result<()> {
+    let iterations = wait_sets(subscriber, 400)?;
+    // Readers that match later than others are behind with what was written before.
+    let is_matched = |iteration: &Vec<Sample>| by_instance(iteration).len() == 6;
+    let all_matched = iterations.iter().position(is_matched);
+    let later = &iterations[all_matched.context("a topic without samples")? + 1..];
+    for iteration in later {
+        let instances = by_instance(iteration);
         for sizes in instances.values() {
             ensure_whole(sizes)?;
             ensure!(Some(sizes) == instances.values().next(), "{instances:?}");
         }
         ensure!([0, 6].contains(&instances.len()), "{instances:?}");
     }
+    let whole = later.iter().filter(|iteration| is_matched(iteration));
+    ensure!(whole.count() >= 3, "{iterations:?}");
+    Ok(())
+}
+
+/// Losses delay sets and break none.
+fn repeated_sets_are_whole(ends: &Ends<'_>) -> Result<()> {
+    skip_unless!(require::kernel(6, 6));
+    let _publisher = publisher(ends, 'g', 3)?;
+    let subscriber = subscriber(ends, 'g', 3)?;
+    wait_sets(&subscriber, 24)?;
+    let _lossy = ends.lose(Loss::Random(0.2))?;
+    ensure_whole_groups(&subscriber)
+}
+
+/// A set that best effort loses a sample of is lost, and the next one is whole.
+fn lost_sets_are_absent(ends: &Ends<'_>) -> Result<()> {
+    skip_unless!(require::kernel(6, 6));
+    let both = "-b --coherent --access-scope t -k 0";
+    let _publisher = ends.publisher(&format!(
+        "{both} --coherent-sample-count {SET} -z 0 --write-period 10 --num-instances 2"
+    ))?;
+    let subscriber = ends.subscriber(&format!("{both} --read-period 20"))?;
+    wait_sets(&subscriber, 1)?;
+    let lossy = ends.lose(Loss::Random(0.1))?;
+    let mut sets = BTreeMap::<_, usize>::new();
+    for sample in wait_sets(&subscriber, 200)?.concat() {
+        *sets.entry((sample.size - 1) / SET).or_default() += 1;
+    }
+    ensure!(
+        sets.values().all(|samples| *samples == 2 * SET as usize),
+        "{sets:?}"
+    );
+    let dropped = lossy[0].count()?.dropped;
+    let (first, last) = (sets.keys().min(), sets.keys().max());
+    let spanned = last
+        .zip(first)
+        .map(|(last, first)| (last - first + 1) as usize);
+    ensure!(
+        dropped > 0 && spanned > Some(sets.len()),
+        "{dropped} {sets:?}"
+    );
     Ok(())
 }
 
