@@ -160,7 +160,7 @@ pub(super) fn endpoints(config: &DiscoveryConfig, now: Instant) -> Endpoints {
             instance_of: (!is_lookup).then_some(instance_of),
             timing: ReaderTiming {
                 // Of requests and replies none is of interest that was sent before.
-                max_greetings: if is_lookup { 0 } else { max_greetings },
+                max_greetings: if is_lookup { 1 } else { max_greetings },
                 count_clock,
                 ..ReaderTiming::default()
             },

@@ -7,7 +7,7 @@ use std::time::Instant;
 use super::{Discovery, DiscoveryEvent, sedp};
 use crate::history::{ChangeKind, NewChange};
 use crate::reader::Sample;
-use crate::wire::{EntityId, Guid, KeyHash, WireError};
+use crate::wire::{EntityId, KeyHash, WireError};
 use crate::xtypes::lookup::{Answer, Operation, Reply, Request};
 use crate::xtypes::{TypeHash, TypeIdentifier};
 
@@ -108,8 +108,7 @@ impl Discovery {
             return Ok(());
         }
         let reply = Reply::decode(&sample.payload)?;
-        let ours = Guid::new(self.prefix(), EntityId::TYPE_LOOKUP_REQUEST_WRITER);
-        if let (true, Answer::Types { objects, .. }) = (reply.related.0 == ours, reply.answer) {
+        if let Answer::Types { objects, .. } = reply.answer {
             let asked = &self.type_lookup.asked;
             let wanted = objects.into_iter().filter(|(hash, _)| asked.contains(hash));
             self.events

@@ -1,8 +1,6 @@
 //! Reading and taking: which samples are handed out, and the states and ranks that go with them
 //! (DDS 1.4 sections 2.2.2.5.1 and 2.2.2.5.3.8).
 
-use std::collections::HashMap;
-
 use bytes::Bytes;
 
 use super::cache::Cache;
@@ -18,7 +16,9 @@ pub(super) enum Access {
 }
 
 impl Reader {
-    /// Takes up to `max` samples in the order of arrival; makes room for samples that could not be accepted.
+    /// Takes up to `max` samples in the order of arrival; makes room for samples that could not be accepted. A reader
+    /// with coherent or ordered access of INSTANCE scope gets those of each instance in a row (DDS 1.4 section
+    /// 2.2.2.5.3.8).
     pub fn take(&mut self, max: usize, selection: &Selection) -> Vec<Sample> {
         let samples = self.cache.collect(max, selection, Access::Take);
         self.taken(&samples);
@@ -68,8 +68,7 @@ impl Reader {
 }
 
 impl Cache {
-    /// Hands out up to `max` samples that `selection` selects: in the order of arrival, or instance by instance where
-    /// PRESENTATION wants that.
+    /// Hands out up to `max` samples that `selection` selects, in the order of arrival.
     pub(super) fn collect(
         &mut self,
         max: usize,
@@ -77,28 +76,15 @@ impl Cache {
         access: Access,
     ) -> Vec<Sample> {
         let mut chosen = std::mem::take(&mut self.chosen);
-        if self.is_by_instance {
-            chosen.extend(self.select(selection));
-            self.group_by_instance(&mut chosen);
-            chosen.truncate(max);
-        } else {
-            chosen.extend(self.select(selection).take(max));
-        }
+        chosen.extend(self.select(selection).take(max));
         self.hand_out(chosen, access)
-    }
-
-    /// Puts the samples of an instance behind its first one.
-    fn group_by_instance(&self, chosen: &mut [u32]) {
-        let instance_of = |place: u32| self.entries.get(place).instance;
-        let mut first = HashMap::new();
-        for (number, place) in chosen.iter().enumerate() {
-            first.entry(instance_of(*place)).or_insert(number);
-        }
-        chosen.sort_by_key(|place| first.get(&instance_of(*place)));
     }
 
     /// Hands out samples by their places; makes these the room for those of the next time.
     pub(super) fn hand_out(&mut self, mut chosen: Vec<u32>, access: Access) -> Vec<Sample> {
+        if self.groups_instances && chosen.len() > 1 {
+            self.group_by_instance(&mut chosen);
+        }
         let mut samples: Vec<Sample> = chosen
             .iter()
             .map(|place| self.sample(*place, access))
@@ -111,6 +97,27 @@ impl Cache {
         }
         self.chosen = chosen;
         samples
+    }
+
+    /// Brings samples of one instance together, in the order of the first ones.
+    fn group_by_instance(&mut self, chosen: &mut [u32]) {
+        let mut count = 0;
+        for place in chosen.iter() {
+            let instance = &mut self.instances[self.entries.get(*place).instance];
+            if instance.collected.0 == 0 {
+                count += 1;
+                instance.collected.0 = count;
+            }
+        }
+        chosen.sort_by_key(|place| {
+            self.instances[self.entries.get(*place).instance]
+                .collected
+                .0
+        });
+        for place in chosen.iter() {
+            let instance = self.entries.get(*place).instance;
+            self.instances[instance].collected = (0, 0);
+        }
     }
 
     /// Takes the first sample that `selection` selects.
@@ -164,6 +171,12 @@ impl Cache {
             Access::Take => std::mem::take(&mut entry.payload),
         };
         Sample { payload, info }
+    }
+
+    /// What is known of a sample by itself.
+    pub(super) fn info(&self, place: u32) -> SampleInfo {
+        let entry = self.entries.get(place);
+        info(entry, &self.instances[entry.instance])
     }
 
     /// Fills in the ranks; called from the last sample of a collection to its first.

@@ -45,12 +45,12 @@ pub(super) struct Cache {
     pub(super) groups: Option<Groups>,
     /// Whether a content filter keeps samples out, so that there are instances that nothing is known of.
     pub(super) is_filtered: bool,
+    /// Whether samples that are handed out together are in the order of their instances first (PRESENTATION).
+    pub(super) groups_instances: bool,
     /// Samples that have come before so many others are visible.
     pub(super) horizon: u64,
     /// The instances with samples, by their keys, once somebody walks over them.
     pub(super) walked: Option<BTreeSet<KeyHash>>,
-    /// PRESENTATION asks for access with INSTANCE scope: samples of an instance are handed out together.
-    pub(super) is_by_instance: bool,
     /// Room for the places of the samples that are being handed out; empty in between.
     pub(super) chosen: Vec<u32>,
 }
@@ -64,9 +64,8 @@ fn is_timed(qos: &Qos) -> bool {
         || qos.time_based_filter.0 != crate::wire::Duration::ZERO
 }
 
-/// Whether samples of an instance are handed out together (DDS 1.4 section 2.2.2.5.3.8). The standard has it so wherever
-/// access is not ordered beyond instances; who asks for nothing gets the order of arrival, which costs nothing.
-fn is_by_instance(presentation: Presentation) -> bool {
+/// INSTANCE scope is the default, too; only who asks for a kind of access means it.
+fn groups_instances(presentation: Presentation) -> bool {
     let is_asked_for = presentation.coherent || presentation.ordered;
     is_asked_for && presentation.scope == PresentationScope::Instance
 }
@@ -91,9 +90,9 @@ impl Cache {
             staged: 0,
             groups: None,
             is_filtered: config.content_filter.is_some(),
+            groups_instances: groups_instances(qos.presentation),
             horizon: u64::MAX,
             walked: None,
-            is_by_instance: is_by_instance(qos.presentation),
             chosen: Vec::new(),
         }
     }

@@ -129,6 +129,9 @@ impl Object {
     }
 }
 
+/// The most bytes of TypeObjects that one type comes with, so that its endpoints can be declared to a layer.
+const MAX_OBJECTS: usize = 48 * 1024;
+
 /// What a type's endpoints need so that others can look into the type. Empty where it cannot be described.
 #[derive(Clone, Debug, Default, Eq, PartialEq)]
 pub struct TypeSupport {
@@ -143,7 +146,13 @@ impl TypeBuilder {
     pub fn describe(describe: impl FnOnce(&mut Self) -> Option<TypePair>) -> TypeSupport {
         let mut builder = Self::default();
         match describe(&mut builder) {
-            Some(pair) if pair.minimal.hash().is_some() => builder.finish(),
+            Some(pair) if pair.minimal.hash().is_some() => {
+                let support = builder.finish();
+                match support.objects.len() <= MAX_OBJECTS {
+                    true => support,
+                    false => TypeSupport::default(),
+                }
+            }
             _ => TypeSupport::default(),
         }
     }

@@ -1,6 +1,7 @@
 //! The messages of the TypeLookup service (XTypes 7.6.3.3): participants ask each other for TypeObjects.
 //!
-//! As Cyclone DDS has them, the outer types are final and in XCDR2.
+//! As Cyclone DDS has them in XCDR2: the outer structs are final, the unions appendable. Where the unions are final they
+//! are read as well.
 
 use std::collections::BTreeSet;
 
@@ -53,7 +54,7 @@ pub enum Operation {
 /// TypeLookup_Reply.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub struct Reply {
-    /// The id of the request.
+    /// The id of the request. Cyclone DDS puts one of its own there.
     pub related: (Guid, SequenceNumber),
     /// The answer.
     pub answer: Answer,
@@ -81,16 +82,20 @@ impl Request {
         let mut w = Writer::default();
         write_id(&mut w, self.id);
         w.string(&self.instance);
-        w.i32(self.operation.label());
         w.delimited(|w| {
-            w.member(TYPE_IDS, |w| {
-                w.sequence(self.types.iter(), |w, type_id| type_id.write(w));
-            });
-            if self.operation == Operation::Dependencies {
-                w.member(CONTINUATION_POINT, |w| w.len(0));
-            }
+            w.i32(self.operation.label());
+            w.delimited(|w| self.write_members(w));
         });
         payload(w)
+    }
+
+    fn write_members(&self, w: &mut Writer) {
+        w.member(TYPE_IDS, |w| {
+            w.sequence(self.types.iter(), |w, type_id| type_id.write(w));
+        });
+        if self.operation == Operation::Dependencies {
+            w.member(CONTINUATION_POINT, |w| w.len(0));
+        }
     }
 
     /// Reads a serialized payload.
@@ -98,13 +103,16 @@ impl Request {
         let mut r = reader(payload)?;
         let id = read_id(&mut r)?;
         let instance = r.string()?.to_owned();
-        let operation = Operation::from_label(r.i32()?).ok_or(WireError::InvalidData)?;
-        let mut types = Vec::new();
-        r.members(|member, r| {
-            if member == TYPE_IDS {
-                types = r.sequence(TypeIdentifier::read)?;
-            }
-            Ok(())
+        let (operation, mut types) = read_union(&mut r, |r| {
+            let operation = Operation::from_label(r.i32()?).ok_or(WireError::InvalidData)?;
+            let mut types = Vec::new();
+            r.members(|member, r| {
+                if member == TYPE_IDS {
+                    types = r.sequence(TypeIdentifier::read)?;
+                }
+                Ok(())
+            })?;
+            Ok((operation, types))
         })?;
         types.truncate(MAX_TYPES);
         Ok(Self {
@@ -181,9 +189,13 @@ impl Reply {
             }
         };
         w.i32(REMOTE_EX_OK);
-        w.i32(label);
-        w.i32(DDS_RETCODE_OK);
-        w.delimited(|w| self.answer.write(w));
+        w.delimited(|w| {
+            w.i32(label);
+            w.delimited(|w| {
+                w.i32(DDS_RETCODE_OK);
+                w.delimited(|w| self.answer.write(w));
+            });
+        });
         payload(w)
     }
 
@@ -196,11 +208,13 @@ impl Reply {
             let answer = Answer::Failed;
             return Ok(Self { related, answer });
         }
-        let operation = Operation::from_label(r.i32()?).ok_or(WireError::InvalidData)?;
-        let answer = match r.i32()? {
-            0 => Answer::read(operation, &mut r)?,
-            _ => Answer::Failed,
-        };
+        let answer = read_union(&mut r, |r| {
+            let operation = Operation::from_label(r.i32()?).ok_or(WireError::InvalidData)?;
+            read_union(r, |r| match r.i32()? {
+                0 => Answer::read(operation, r),
+                _ => Ok(Answer::Failed),
+            })
+        })?;
         Ok(Self { related, answer })
     }
 }
@@ -261,6 +275,17 @@ impl Answer {
                 Ok(Self::Dependencies(types))
             }
         }
+    }
+}
+
+/// A union, whose size comes first unless it is final: sizes are never 0, and never as large as the other labels.
+fn read_union<T>(
+    r: &mut Reader<'_>,
+    body: impl FnOnce(&mut Reader<'_>) -> Result<T, WireError>,
+) -> Result<T, WireError> {
+    match r.clone().i32()? {
+        0 | GET_TYPES | GET_DEPENDENCIES => body(r),
+        _ => r.delimited(body),
     }
 }
 

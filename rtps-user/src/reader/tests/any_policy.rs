@@ -66,10 +66,7 @@ fn operation() -> impl Strategy<Value = Operation> {
 }
 
 fn duration() -> impl Strategy<Value = wire::Duration> {
-    prop_oneof![
-        Just(wire::Duration::INFINITE),
-        (1..100u64).prop_map(millis)
-    ]
+    prop_oneof![Just(wire::Duration::INFINITE), (1..100u64).prop_map(millis)]
 }
 
 fn qos() -> impl Strategy<Value = Qos> {

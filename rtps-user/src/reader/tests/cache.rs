@@ -1,7 +1,7 @@
 //! Instances, HISTORY, RESOURCE_LIMITS, and what applications see of them.
 
 use super::*;
-use crate::qos::{History, Presentation, ResourceLimits};
+use crate::qos::{History, Presentation, PresentationScope, ResourceLimits};
 
 fn keep_last(depth: u32) -> Qos {
     Qos {
@@ -360,20 +360,25 @@ fn taking_one_makes_room_for_what_waits() {
 }
 
 #[test]
-fn instance_scope_hands_out_instance_by_instance() {
-    let presentation = Presentation {
-        ordered: true,
-        ..Presentation::default()
-    };
-    let qos = Qos {
-        presentation,
-        ..reliable()
-    };
-    let mut bench = Bench::started(qos.clone(), qos);
-    for sequence in 1..=6 {
-        bench.sample(sequence, key(9 - (sequence % 2) as u8), ALIVE, b"data");
+fn instances_can_be_kept_together() {
+    for (scope, expected) in [
+        (PresentationScope::Instance, [1, 3, 2, 4]),
+        (PresentationScope::Topic, [1, 2, 3, 4]),
+    ] {
+        let mut bench = bench(Qos {
+            presentation: Presentation {
+                scope,
+                coherent: false,
+                ordered: true,
+            },
+            ..reliable()
+        });
+        for (sequence, instance) in [(1, 7), (2, 5), (3, 7), (4, 5)] {
+            bench.sample(sequence, key(instance), ALIVE, b"data");
+        }
+        let samples = bench.take();
+        assert_eq!(sequences(&samples), expected);
+        assert_eq!(samples[0].info.sample_rank, 1);
+        assert_eq!(samples[3].info.sample_rank, 0);
     }
-    let some = bench.reader.read(4, &Selection::default());
-    assert_eq!(sequences(&some), [1, 3, 5, 2]);
-    assert_eq!(bench.taken(), [1, 3, 5, 2, 4, 6]);
 }
