@@ -115,7 +115,7 @@ impl RawWriter {
         if let Err(error) = writer.make_room(change.as_ref()?) {
             return Some(Err(error));
         }
-        Some(writer.write(now, change.take()?))
+        Some(Ok(writer.append(now, change.take()?)))
     }
 
     /// Its name.

@@ -373,6 +373,11 @@ impl Reader {
         sample
     }
 
+    /// Whether samples wait for room, which taking others makes.
+    pub fn is_blocked(&self) -> bool {
+        !self.blocked.is_empty()
+    }
+
     /// Reads up to `max` samples, which stay.
     pub fn read(&mut self, max: usize, selection: &Selection) -> Vec<Sample> {
         self.cache.collect(max, selection, Access::Read)

@@ -138,6 +138,11 @@ impl Writer {
     /// Where the history has no room for it.
     pub fn write(&mut self, now: Instant, change: NewChange) -> Result<SequenceNumber, WriteError> {
         self.make_room(&change)?;
+        Ok(self.append(now, change))
+    }
+
+    /// Takes a change into the history that [`make_room`](Self::make_room) has just found room for.
+    pub fn append(&mut self, now: Instant, change: NewChange) -> SequenceNumber {
         self.last = self.last.next();
         self.note_unregistration(change.kind, self.last);
         if self.keeps_past() || !self.readers.is_empty() {
@@ -148,7 +153,7 @@ impl Writer {
             self.release();
         }
         self.lease.renew(now, self.config.qos.liveliness);
-        Ok(self.last)
+        self.last
     }
 
     /// Takes a change out of the history; reliable readers that lack it are told that it will not come.
