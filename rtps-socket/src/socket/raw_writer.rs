@@ -115,7 +115,7 @@ impl RawWriter {
         if let Err(error) = writer.make_room(change.as_ref()?) {
             return Some(Err(error));
         }
-        Some(Ok(writer.append(now, change.take()?)))
+        Some(writer.write(now, change.take()?))
     }
 
     /// Its name.

@@ -7,6 +7,7 @@
 mod config;
 mod count;
 mod directed;
+mod fragment_window;
 mod heartbeat;
 mod live;
 mod liveliness;
@@ -31,6 +32,7 @@ use std::time::Instant;
 pub use config::{WriteError, WriterConfig, WriterEvent, WriterTiming};
 pub use publication::Publication;
 
+use fragment_window::FragmentWindow;
 use heartbeat::Heartbeats;
 use live::Live;
 use liveliness::Lease;
@@ -59,6 +61,7 @@ pub struct Writer {
     /// What all reliable readers have acknowledged; `None` without any.
     lowest_acknowledged: Option<SequenceNumber>,
     window: Window,
+    fragment_window: FragmentWindow,
     /// Changes from here on count in the window; `None` without reliable readers.
     window_base: Option<SequenceNumber>,
     heartbeats: Heartbeats,
@@ -90,6 +93,7 @@ impl Writer {
             layout: Layout::new(config.guid, config.datagram_size),
             heartbeats: Heartbeats::new(config.timing.count_clock),
             window: Window::new(&config.timing),
+            fragment_window: FragmentWindow::new(),
             window_base: None,
             config,
             history: HistoryCache::default(),
@@ -138,11 +142,6 @@ impl Writer {
     /// Where the history has no room for it.
     pub fn write(&mut self, now: Instant, change: NewChange) -> Result<SequenceNumber, WriteError> {
         self.make_room(&change)?;
-        Ok(self.append(now, change))
-    }
-
-    /// Takes a change into the history that [`make_room`](Self::make_room) has just found room for.
-    pub fn append(&mut self, now: Instant, change: NewChange) -> SequenceNumber {
         self.last = self.last.next();
         self.note_unregistration(change.kind, self.last);
         if self.keeps_past() || !self.readers.is_empty() {
@@ -153,7 +152,7 @@ impl Writer {
             self.release();
         }
         self.lease.renew(now, self.config.qos.liveliness);
-        self.last
+        Ok(self.last)
     }
 
     /// Takes a change out of the history; reliable readers that lack it are told that it will not come.
@@ -246,21 +245,29 @@ impl Writer {
 
     /// A reader says which fragments of a change it lacks.
     pub fn handle_nack_frag(&mut self, now: Instant, reader: Guid, nack: &NackFrag) {
-        if let Some(proxy) = self.readers.get_mut(&reader) {
-            let last = nack.missing.iter().last().unwrap_or_default();
-            let is_sent = self.live.has_sent(nack.sequence, last);
-            if is_sent && proxy.handle_nack_frag(now, nack, &self.config.timing) {
-                self.window
-                    .handle_loss(nack.sequence, self.live.untouched());
-                self.refill(reader);
-                self.enqueue(now, reader);
-            }
+        let Some(proxy) = self.readers.get_mut(&reader) else {
+            return;
+        };
+        let Some(last) = nack.missing.iter().last() else {
+            proxy.handle_progress(nack.sequence, nack.missing.base);
+            return self.advance_fragments(nack.sequence);
+        };
+        if !self.live.has_sent(nack.sequence, last) {
+            return self.go_on(nack.sequence);
+        }
+        if proxy.handle_nack_frag(now, nack, &self.config.timing) {
+            self.window
+                .handle_loss(nack.sequence, self.live.untouched());
+            self.refill(reader);
+            self.enqueue(now, reader);
         }
     }
 
     /// Does what is due.
     pub fn handle_timeout(&mut self, now: Instant) {
         self.enqueue_due(now);
+        let size = self.fragments_in_window();
+        self.fragment_window.expire(now, size);
         if self.heartbeats.expire(now) {
             self.remind_readers(now);
         }
@@ -271,10 +278,16 @@ impl Writer {
     pub fn poll_timeout(&self) -> Option<Instant> {
         let timers = [
             self.next_answer,
+            self.fragment_window.deadline(),
             self.heartbeats.deadline(),
             self.lease.deadline(),
         ];
         timers.into_iter().flatten().min()
+    }
+
+    /// All that is written is to be sent now, as there will be no time for it later.
+    pub fn hurry(&mut self) {
+        self.fragment_window.open();
     }
 
     /// Appends the next datagram to `out`, which stays as it is where there is none. To be called until it gives `None`.
