@@ -106,6 +106,11 @@ impl Layout {
         }
     }
 
+    /// Bytes of a sample in one DATA_FRAG, at least 1.
+    pub(super) fn fragment_size(&self) -> usize {
+        usize::from(self.fragment).max(1)
+    }
+
     /// How many DATA_FRAGs that are.
     fn fragments(&self, len: usize) -> u32 {
         u32::try_from(len.div_ceil(usize::from(self.fragment))).unwrap_or(u32::MAX)
