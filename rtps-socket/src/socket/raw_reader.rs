@@ -85,8 +85,11 @@ impl RawReader {
     }
 
     fn take_one(&self, core: &mut Core) -> Option<Sample> {
-        core.endpoints
-            .take_next(self.endpoint.id(), &Selection::default())
+        let id = self.endpoint.id();
+        if !core.endpoints.reader(id)?.has_data() {
+            return None;
+        }
+        core.endpoints.take_next(id, &Selection::default())
     }
 
     /// Its name.

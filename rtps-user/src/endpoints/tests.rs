@@ -146,6 +146,59 @@ fn one_datagram_serves_all_matched_readers() {
 }
 
 #[test]
+fn who_takes_one_sample_leaves_all_settled() {
+    let mut apps = Apps::new();
+    let reader = apps.readers[0];
+    apps.write();
+    assert!(!apps.writing.is_settled(apps.now));
+    for datagram in apps.written() {
+        apps.deliver(&datagram).unwrap();
+    }
+    apps.events();
+    assert!(!apps.reading.is_settled(apps.now));
+    let mut out = Vec::new();
+    while apps.reading.poll_transmit(apps.now, &mut out).is_some() {}
+    apps.events();
+    assert!(apps.reading.is_settled(apps.now));
+    let take = |apps: &mut Apps| apps.reading.take_next(reader, &Selection::default());
+    assert!(take(&mut apps).is_some());
+    assert!(take(&mut apps).is_none());
+    assert!(apps.reading.is_settled(apps.now));
+    let due = apps.writing.poll_timeout().unwrap();
+    assert!(apps.writing.is_settled(due - Duration::from_nanos(1)));
+    assert!(!apps.writing.is_settled(due));
+}
+
+#[test]
+fn a_sample_that_waits_for_room_comes_once_another_was_taken() {
+    let mut apps = Apps::new();
+    let full = apps.readers[0];
+    let guid = Guid::new(apps.reading.prefix(), full);
+    let mut qos = qos();
+    qos.resource_limits.max_samples = Some(1);
+    apps.reading.add_reader(ReaderConfig::new(guid, qos));
+    apps.reading
+        .match_remote(apps.now, full, &remote(apps.writer));
+    apps.write();
+    apps.write();
+    for datagram in apps.written() {
+        apps.deliver(&datagram).unwrap();
+    }
+    apps.exchange();
+    for _ in 0..2 {
+        assert!(
+            apps.reading
+                .take_next(full, &Selection::default())
+                .is_some()
+        );
+        apps.now += Duration::from_secs(1);
+        assert!(!apps.reading.is_settled(apps.now));
+        apps.writing.handle_timeout(apps.now);
+        apps.exchange();
+    }
+}
+
+#[test]
 fn datagrams_are_appended_to_what_is_there() {
     let mut apps = Apps::new();
     apps.write();
