@@ -189,9 +189,7 @@ impl RawReader {
         if !core.endpoints.reader(id)?.has_data() {
             return None;
         }
-        core.endpoints
-            .reader_mut(id)?
-            .take_next(&Selection::default())
+        core.endpoints.take_next(id, &Selection::default())
     }
 
     /// Its name.
