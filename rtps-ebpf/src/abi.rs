@@ -10,9 +10,10 @@ mod fan_out;
 
 pub use discovery::{
     Announcement, AnnouncementKey, BUDGET_ALL, BUDGET_NEW, BUDGET_NEWS, BUDGET_STRANGERS, BUDGETS,
-    BUILTIN_WRITERS, BuiltinWriter, Interface, PARTICIPANT_MESSAGES, PEER_ADDRESSES,
-    PEER_ANY_ADDRESS, PEER_PROVEN, PEER_SUPERVISED, PUBLICATIONS, Peer, RemoteReader, RemoteWriter,
-    SUBMESSAGE_BYTES, SUBSCRIPTIONS, Sample, SampleKey, WRITER_FRAGMENTED, WRITER_INCOMPLETE,
+    BUILTIN_WRITERS, BuiltinWriter, INTERFACE_ANSWERS, INTERFACE_DELIVERS, Interface,
+    PARTICIPANT_MESSAGES, PEER_ADDRESSES, PEER_ANY_ADDRESS, PEER_PROVEN, PEER_SUPERVISED,
+    PUBLICATIONS, Peer, RemoteReader, RemoteWriter, SUBMESSAGE_BYTES, SUBSCRIPTIONS, Sample,
+    SampleKey, WRITER_FRAGMENTED, WRITER_INCOMPLETE,
 };
 pub use fan_out::{
     Destination, FAN_OUT_ADDRESS, FAN_OUT_DESTINATIONS, FAN_OUTS, FAN_OUTS_PER_APP, FanOut,
@@ -22,7 +23,7 @@ pub use fan_out::{
 use crate::entity::GuidPrefix;
 
 /// The version of everything in this module.
-pub const ABI_VERSION: u32 = 4;
+pub const ABI_VERSION: u32 = 5;
 
 /// Names of maps and programs, the same in the object and under the pin folder.
 pub mod name {
@@ -137,12 +138,15 @@ pub const MAX_SUBMESSAGES: u32 = 4_096;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RecordHeader {
-    /// Length of the RTPS message in bytes.
+    /// Length of the RTPS message in bytes, or of all of them.
     pub message_len: u32,
     /// Index of the interface that the message came in on.
     pub ifindex: u32,
     /// Index into `domains`, not the domain id.
-    pub domain_index: u32,
+    pub domain_index: u16,
+    /// Where the record holds several messages that came together: the length of each but the last, which may be
+    /// shorter. 0 where it holds one.
+    pub segment: u16,
     /// Who delivered: [`HOOK_XDP`], [`HOOK_FILTER`] or [`HOOK_INGRESS`].
     pub hook: u8,
     /// [`RECORD_ANSWERED`] or 0.

@@ -44,19 +44,19 @@ counters! {
     PassNotOurAddress => "pass_not_our_address",
     /// Passed by XDP: concerns the built-in endpoints, too.
     PassBuiltIn => "pass_built_in",
-    /// Passed by XDP, unseen: to the port for discovery.
+    /// Passed, not looked into: to the port for discovery.
     PassMetatraffic => "pass_metatraffic",
     /// RTPS messages that XDP looked at.
     XdpMessages => "xdp_messages",
-    /// RTPS messages that the tc program took from the stack, and decided on.
+    /// RTPS messages that the tc program took from the stack, and decided on, each of a burst counted.
     IngressMessages => "ingress_messages",
     /// RTPS messages that the socket filter looked at.
     FilterMessages => "filter_messages",
     /// Messages that the socket filter let into rtpsd's socket.
     ToDaemon => "to_daemon",
-    /// Messages put into the ring of at least one app.
+    /// Messages, or bursts of them in one record, put into the ring of at least one app.
     DeliveredMessages => "delivered_messages",
-    /// Records put into rings: one for each message and app.
+    /// Records put into rings: one for each message or burst, and app.
     DeliveredRecords => "delivered_records",
     /// Bytes of RTPS messages in those records.
     DeliveredBytes => "delivered_bytes",

@@ -20,7 +20,7 @@ const STOP: Duration = Duration::from_secs(30);
 pub enum Layer {
     /// The kernel layer as it is by default: the kernel answers discovery.
     Kernel,
-    /// The kernel layer with discovery left to rtpsd.
+    /// The kernel layer with discovery left to rtpsd, and with XDP where it would not be chosen.
     UserDiscovery,
     /// The in-process layer.
     InProcess,
@@ -41,7 +41,7 @@ impl Layer {
     pub fn daemon_arguments(self) -> Option<&'static [&'static str]> {
         match self {
             Self::Kernel => Some(&[]),
-            Self::UserDiscovery => Some(&["--discovery", "user"]),
+            Self::UserDiscovery => Some(&["--discovery", "user", "--mode", "native"]),
             Self::InProcess => None,
         }
     }

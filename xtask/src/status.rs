@@ -33,7 +33,7 @@ fn print(status: &Status) {
     }
     for interface in &status.interfaces {
         println!(
-            "interface {}: XDP {}, discovery answered by {}",
+            "interface {}: {}, discovery answered by {}",
             interface.name,
             interface.mode.name(),
             interface.answers

@@ -84,14 +84,19 @@ pub struct RemoteReader {
     pub reserved: u32,
 }
 
-/// `interfaces`: who the host is on an Ethernet where the kernel answers.
+/// In [`Interface::tasks`]: the tc program answers discovery messages.
+pub const INTERFACE_ANSWERS: u16 = 1;
+/// In [`Interface::tasks`]: the tc program delivers to apps, as there is no XDP.
+pub const INTERFACE_DELIVERS: u16 = 2;
+
+/// `interfaces`: who the host is on an Ethernet, and what the tc program does there.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Interface {
     /// Its hardware address.
     pub mac: [u8; 6],
-    /// Zero.
-    pub reserved: [u8; 2],
+    /// [`INTERFACE_ANSWERS`] and [`INTERFACE_DELIVERS`], or 0.
+    pub tasks: u16,
     /// Source of answers over IPv4; zero for none.
     pub ipv4: [u8; 4],
     /// Source of answers to global and unique local IPv6 addresses; zero for none.

@@ -43,6 +43,11 @@ impl Interface {
         let is_same_family = |ip: &&IpAddr| ip.is_ipv6() == group.is_ipv6();
         addresses.find(is_same_family).copied()
     }
+
+    /// Whether it is one end of a pair that is joined within this machine, as containers have.
+    pub fn is_veth(&self) -> bool {
+        sys::interface_driver(&self.name).is_ok_and(|driver| driver == "veth")
+    }
 }
 
 /// Why an interface cannot be used.

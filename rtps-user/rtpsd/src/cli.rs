@@ -25,7 +25,7 @@ pub struct Options {
     #[arg(long = "domain", value_name = "N", default_value = "0", value_parser = parse_domain)]
     pub domains: Vec<u32>,
 
-    /// How XDP is attached.
+    /// Where messages for apps are taken from the interfaces.
     #[arg(long, value_enum, default_value_t)]
     pub mode: WantedMode,
 

@@ -7,8 +7,8 @@ use rtps_ebpf::abi;
 use rtps_net::Interface;
 use rtps_user::ipv6;
 
-/// Reads hardware and network addresses; the error is why the kernel cannot answer on the interface.
-pub(crate) fn describe(interface: &Interface) -> Result<abi::Interface, String> {
+/// Reads hardware and network addresses; the error is why the tc program has nothing to do on the interface.
+pub(crate) fn describe(interface: &Interface, tasks: u16) -> Result<abi::Interface, String> {
     let mac = hardware_address(&interface.name).ok_or("no Ethernet")?;
     let announced = || interface.addresses.iter();
     let ipv4 = announced().find_map(|address| match address {
@@ -21,7 +21,7 @@ pub(crate) fn describe(interface: &Interface) -> Result<abi::Interface, String> 
     });
     Ok(abi::Interface {
         mac,
-        reserved: [0; 2],
+        tasks,
         ipv4: ipv4.unwrap_or_default(),
         ipv6: ipv6.unwrap_or_default(),
         ipv6_link_local: link_local(&interface.name).map_or([0; 16], |address| address.octets()),
@@ -60,6 +60,6 @@ mod tests {
     fn the_loopback_interface_is_no_ethernet() {
         let loopback = rtps_net::find("lo").unwrap();
         assert_eq!(loopback.index, LOOPBACK_INDEX);
-        assert_eq!(describe(&loopback), Err("no Ethernet".to_owned()));
+        assert_eq!(describe(&loopback, 0), Err("no Ethernet".to_owned()));
     }
 }

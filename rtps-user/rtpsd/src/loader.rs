@@ -4,81 +4,24 @@
 //! on the pinned links in one step, so that no datagram passes unseen in between.
 
 mod classifier;
+mod mode;
+mod xdp;
 
 use std::collections::BTreeMap;
-use std::fmt;
 
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, bail};
 use aya::maps::{MapData, MapInfo};
-use aya::programs::links::{FdLink, PinnedLink};
-use aya::programs::xdp::XdpLink;
-use aya::programs::{Program, SocketFilter, Xdp, XdpMode};
+use aya::programs::{Program, SocketFilter};
 use aya::{Ebpf, EbpfLoader};
 use rtps_ebpf::OBJECT;
 use rtps_ebpf::abi::name;
 use rtps_net::Interface;
-use serde::{Deserialize, Serialize};
-use tracing::{debug, info, warn};
 
 use self::classifier::Classifiers;
+pub use self::mode::{AttachedMode, WantedMode};
+pub(crate) use self::xdp::XdpHook;
 use crate::pins::{Hook, PinFolder};
 use crate::run_folder::remove_if_there;
-
-/// Which XDP mode is wanted.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
-pub enum WantedMode {
-    /// Native where the driver can, else generic.
-    #[default]
-    Auto,
-    /// Run by the driver, before the kernel allocates anything; an error where it cannot.
-    Native,
-    /// Run by the network stack; works on every interface.
-    Generic,
-}
-
-/// The XDP mode that took effect.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum AttachedMode {
-    /// Run by the driver.
-    Native,
-    /// Run by the network stack.
-    Generic,
-}
-
-impl WantedMode {
-    /// What to try, in this order.
-    fn attempts(self) -> &'static [AttachedMode] {
-        match self {
-            Self::Auto => &[AttachedMode::Native, AttachedMode::Generic],
-            Self::Native => &[AttachedMode::Native],
-            Self::Generic => &[AttachedMode::Generic],
-        }
-    }
-}
-
-impl AttachedMode {
-    /// Its name in pins, JSON and logs.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Native => "native",
-            Self::Generic => "generic",
-        }
-    }
-
-    fn flags(self) -> XdpMode {
-        match self {
-            Self::Native => XdpMode::Driver,
-            Self::Generic => XdpMode::Skb,
-        }
-    }
-}
-
-impl fmt::Display for AttachedMode {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
-    }
-}
 
 /// The loaded programs. Dropping it leaves everything that is pinned in place.
 pub(crate) struct Loader {
@@ -98,9 +41,7 @@ impl Loader {
         let mut ebpf = loader
             .load(OBJECT)
             .context("the kernel does not take the layer's maps; Linux 5.19 or newer is needed")?;
-        xdp_program(&mut ebpf)?
-            .load()
-            .context("the kernel's verifier refuses the XDP program")?;
+        xdp::load(&mut ebpf)?;
         filter_program(&mut ebpf)?
             .load()
             .context("the kernel's verifier refuses the socket filter")?;
@@ -118,30 +59,38 @@ impl Loader {
         Ok(filter_program(&mut self.ebpf)?)
     }
 
-    /// Attaches XDP to an interface, or replaces the program of an earlier rtpsd there, and says in which mode.
+    /// Has messages for apps taken from an interface, by the programs of an earlier rtpsd if they are there, and says in
+    /// which mode.
     pub(crate) fn attach(
         &mut self,
         interface: &Interface,
         wanted: WantedMode,
     ) -> Result<AttachedMode> {
-        for &mode in wanted.attempts() {
-            if self.take_over(interface, mode) {
-                return Ok(mode);
+        let attempts = wanted.attempts(interface);
+        let mut refusals = Vec::new();
+        for &mode in attempts {
+            match mode.xdp() {
+                Some(hook) if self.take_over_xdp(interface, hook) => return Ok(mode),
+                Some(_) => {}
+                None => match self.attach_classifier(interface) {
+                    Ok(()) => {
+                        self.detach_xdp(interface)?;
+                        return Ok(mode);
+                    }
+                    Err(reason) => refusals.push(format!("{mode}: {reason}")),
+                },
             }
         }
-        self.detach_where(|index, hook| index == interface.index && matches!(hook, Hook::Xdp(_)))?;
-        let mut refusals = Vec::new();
-        for &mode in wanted.attempts() {
-            match self.attach_new(interface, mode) {
-                Ok(()) => return Ok(mode),
-                Err(error) => {
-                    debug!(interface = interface.name, %mode, "{error:#}");
-                    refusals.push(format!("{mode}: {error:#}"));
-                }
+        self.detach_xdp(interface)?;
+        for &mode in attempts {
+            match mode.xdp().map(|hook| self.attach_xdp(interface, hook)) {
+                Some(Ok(())) => return Ok(mode),
+                Some(Err(error)) => refusals.push(format!("{mode}: {error:#}")),
+                None => {}
             }
         }
         bail!(
-            "XDP cannot be attached to `{}` ({}); if another XDP program is there, `ip link set dev {} xdp off` \
+            "the programs cannot be attached to `{}` ({}); if another XDP program is there, `ip link set dev {} xdp off` \
              removes it",
             interface.name,
             refusals.join("; "),
@@ -162,50 +111,6 @@ impl Loader {
                 remove_if_there(&link.path)?;
             }
         }
-        Ok(())
-    }
-
-    /// Replaces the program on a pinned link; false when there is no such link, or its interface is gone.
-    fn take_over(&mut self, interface: &Interface, mode: AttachedMode) -> bool {
-        let Ok(pinned) = PinnedLink::from_pin(self.folder.link(interface.index, Hook::Xdp(mode)))
-        else {
-            return false;
-        };
-        match self.replace_program(pinned) {
-            Ok(()) => {
-                info!(interface = interface.name, %mode, "took over the attached XDP program");
-                true
-            }
-            Err(error) => {
-                warn!(
-                    interface = interface.name,
-                    "the pinned XDP link is dead: {error:#}"
-                );
-                false
-            }
-        }
-    }
-
-    fn replace_program(&mut self, pinned: PinnedLink) -> Result<()> {
-        let link = XdpLink::try_from(FdLink::from(pinned))?;
-        let xdp = xdp_program(&mut self.ebpf)?;
-        let id = xdp.attach_to_link(link)?;
-        // Only the pin holds the link, so that removing the pin detaches.
-        drop(FdLink::try_from(xdp.take_link(id)?)?);
-        Ok(())
-    }
-
-    fn attach_new(&mut self, interface: &Interface, mode: AttachedMode) -> Result<()> {
-        let path = self.folder.link(interface.index, Hook::Xdp(mode));
-        let xdp = xdp_program(&mut self.ebpf)?;
-        let id = xdp
-            .attach_to_if_index(interface.index, mode.flags())
-            .map_err(|error| anyhow!(innermost(&error)))?;
-        let link = xdp.take_link(id)?;
-        FdLink::try_from(link)
-            .context("the kernel has no XDP links; Linux 5.19 or newer is needed")?
-            .pin(path)
-            .context("cannot pin the XDP link")?;
         Ok(())
     }
 
@@ -232,10 +137,6 @@ fn innermost(error: &dyn std::error::Error) -> String {
         innermost = source;
     }
     innermost.to_string()
-}
-
-fn xdp_program(ebpf: &mut Ebpf) -> Result<&mut Xdp> {
-    program(ebpf, name::XDP_PROGRAM)
 }
 
 fn filter_program(ebpf: &mut Ebpf) -> Result<&mut SocketFilter> {

@@ -69,7 +69,8 @@ fn parse(record: &[u8]) -> Option<Item<'_>> {
     let port = u16::from_ne_bytes(field(header, offset_of!(RecordHeader, source_port))?);
     let address = field::<16>(header, offset_of!(RecordHeader, source_address))?;
     Some(Item {
-        domain_index: u32::from_ne_bytes(field(header, offset_of!(RecordHeader, domain_index))?),
+        domain_index: u16::from_ne_bytes(field(header, offset_of!(RecordHeader, domain_index))?)
+            .into(),
         is_answered: flags & RECORD_ANSWERED != 0,
         source: source(address.into(), port, ifindex),
         message: rest.get(..usize::try_from(length).ok()?)?,

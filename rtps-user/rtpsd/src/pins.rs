@@ -15,7 +15,7 @@ use nix::mount::{MsFlags, mount};
 use nix::sys::statfs::{BPF_FS_MAGIC, statfs};
 use rtps_ebpf::ABI_VERSION;
 
-use crate::loader::AttachedMode;
+use crate::loader::XdpHook;
 use crate::run_folder::remove_if_there;
 
 const BPFFS: &str = "/sys/fs/bpf";
@@ -34,15 +34,15 @@ pub(crate) enum Hook {
     /// The classifier on egress of the loopback interface, by tcx.
     FanOut,
     /// XDP.
-    Xdp(AttachedMode),
+    Xdp(XdpHook),
 }
 
 impl Hook {
     const ALL: [Self; 4] = [
         Self::Ingress,
         Self::FanOut,
-        Self::Xdp(AttachedMode::Native),
-        Self::Xdp(AttachedMode::Generic),
+        Self::Xdp(XdpHook::Native),
+        Self::Xdp(XdpHook::Generic),
     ];
 
     /// What comes before and after the interface's index in a pin's name.
@@ -50,7 +50,7 @@ impl Hook {
         match self {
             Self::Ingress => ("tcx", "ingress"),
             Self::FanOut => ("tcx", "egress"),
-            Self::Xdp(mode) => ("xdp", mode.name()),
+            Self::Xdp(hook) => ("xdp", hook.name()),
         }
     }
 }

@@ -59,7 +59,7 @@ pub struct Status {
     pub fan_out: String,
     /// How often something has woken rtpsd; none when it does not run.
     pub wakeups: Option<u64>,
-    /// Interfaces with XDP.
+    /// The interfaces that the layer works on.
     pub interfaces: Vec<InterfaceStatus>,
     /// Domains, with what discovery knows.
     pub domains: Vec<DomainStatus>,
@@ -69,7 +69,7 @@ pub struct Status {
     pub counters: BTreeMap<String, BTreeMap<String, u64>>,
 }
 
-/// An interface that XDP is attached to.
+/// An interface that the layer works on.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct InterfaceStatus {
     /// Its name.
@@ -258,28 +258,32 @@ fn fill_from_kernel(status: &mut Status, folder: &PinFolder, kernel: &KernelMaps
 
 fn fill_interfaces(status: &mut Status, folder: &PinFolder, kernel: &KernelMaps) -> Result<()> {
     let answering = kernel.discovery.interfaces();
+    let mut modes: BTreeMap<u32, AttachedMode> = BTreeMap::new();
     for link in folder.links()? {
-        let mode = match link.hook {
-            Hook::Xdp(mode) => mode,
-            Hook::FanOut => {
-                KERNEL.clone_into(&mut status.fan_out);
-                continue;
+        match link.hook {
+            Hook::Xdp(hook) => _ = modes.insert(link.interface_index, hook.into()),
+            // It is there beside XDP as well.
+            Hook::Ingress => {
+                _ = modes
+                    .entry(link.interface_index)
+                    .or_insert(AttachedMode::Tc)
             }
-            Hook::Ingress => continue,
-        };
-        let answers = if answering.contains(&link.interface_index) {
+            Hook::FanOut => KERNEL.clone_into(&mut status.fan_out),
+        }
+    }
+    for (index, mode) in modes {
+        let answers = if answering.contains(&index) {
             KERNEL.to_owned()
         } else {
             format!("{RTPSD}: the kernel was not told to")
         };
         status.interfaces.push(InterfaceStatus {
-            name: interface_name(link.interface_index),
-            index: link.interface_index,
+            name: interface_name(index),
+            index,
             mode,
             answers,
         });
     }
-    status.interfaces.sort_by_key(|interface| interface.index);
     Ok(())
 }
 

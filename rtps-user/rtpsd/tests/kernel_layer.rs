@@ -27,7 +27,10 @@ fn welcome(message: FromLayer) -> Welcome {
 #[test]
 fn a_clean_stop_leaves_nothing() {
     let Some(netns) = Netns::new() else { return };
-    let rtpsd = Rtpsd::start(&netns, &["--domain", "0", "--domain", "7"]);
+    let rtpsd = Rtpsd::start(
+        &netns,
+        &["--mode", "native", "--domain", "0", "--domain", "7"],
+    );
     let status = netns.status();
     assert!(status.loaded);
     assert_eq!(status.rtpsd, Some(rtpsd.pid().as_raw()));
@@ -82,7 +85,7 @@ fn rtpsd_answers_where_it_is_told_to_or_the_kernel_cannot() {
     let rtpsd = Rtpsd::start(&netns, &["--iface", "lo"]);
     assert_eq!(answers(), ["rtpsd: no Ethernet", "kernel"]);
     assert!(!rtpsd.end(Signal::SIGKILL));
-    let rtpsd = Rtpsd::start(&netns, &["--discovery", "user"]);
+    let rtpsd = Rtpsd::start(&netns, &["--discovery", "user", "--mode", "native"]);
     assert_eq!(answers(), ["rtpsd: `--discovery user`"]);
     assert_eq!(netns.status().discovery.as_deref(), Some("user"));
     assert!(wait_until(|| netns.classifiers() == 0));
@@ -115,6 +118,35 @@ fn generic_mode_is_reported() {
 }
 
 #[test]
+fn a_veth_is_left_in_one_piece() {
+    let Some(netns) = Netns::new() else { return };
+    let state = || {
+        let mode = netns.status().interfaces[0].mode;
+        (mode, netns.has_xdp(), netns.classifiers())
+    };
+    let by_user: [&str; 2] = ["--discovery", "user"];
+    for (arguments, expected) in [
+        (&[][..], (AttachedMode::Tc, false, 1)),
+        (&by_user, (AttachedMode::Tc, false, 1)),
+        (&["--mode", "native"], (AttachedMode::Native, true, 1)),
+        (&["--mode", "generic"], (AttachedMode::Generic, true, 1)),
+        (&["--mode", "tc"], (AttachedMode::Tc, false, 1)),
+    ] {
+        // What an earlier one has left is taken over, or makes room.
+        let rtpsd = Rtpsd::start(&netns, arguments);
+        assert!(
+            wait_until(|| state() == expected),
+            "{arguments:?}: {:?}",
+            state()
+        );
+        assert!(!rtpsd.end(Signal::SIGKILL));
+        assert_eq!(state(), expected, "{arguments:?}, killed");
+    }
+    netns.within(|| rtpsd::unload().unwrap());
+    assert!(netns.is_clean());
+}
+
+#[test]
 fn auto_mode_falls_back_to_generic() {
     let Some(netns) = Netns::new() else { return };
     // The loopback interface has no native XDP.
@@ -125,13 +157,13 @@ fn auto_mode_falls_back_to_generic() {
     assert!(netns.is_clean());
     let _rtpsd = Rtpsd::start(&netns, &["--iface", "lo"]);
     let modes: Vec<AttachedMode> = netns.status().interfaces.iter().map(|i| i.mode).collect();
-    assert_eq!(modes, [AttachedMode::Generic, AttachedMode::Native]);
+    assert_eq!(modes, [AttachedMode::Generic, AttachedMode::Tc]);
 }
 
 #[test]
 fn a_killed_rtpsd_is_taken_over() {
     let Some(netns) = Netns::new() else { return };
-    let rtpsd = Rtpsd::start(&netns, &[]);
+    let rtpsd = Rtpsd::start(&netns, &["--mode", "native"]);
     let before = netns.status();
     assert!(!rtpsd.end(Signal::SIGKILL));
     let orphaned = netns.status();
@@ -150,7 +182,7 @@ fn a_killed_rtpsd_is_taken_over() {
             .to_owned()
     };
     let link = links();
-    let rtpsd = Rtpsd::start(&netns, &[]);
+    let rtpsd = Rtpsd::start(&netns, &["--mode", "native"]);
     assert_eq!(links(), link, "the link was made anew");
     let after = netns.status();
     assert_eq!(after.domains[0].prefix, before.domains[0].prefix);
@@ -418,7 +450,7 @@ fn two_hosts_match_their_apps_and_survive_a_restart_unnoticed() {
 #[test]
 fn an_interface_that_comes_back_is_attached_again() {
     let Some(netns) = Netns::new() else { return };
-    let rtpsd = Rtpsd::start(&netns, &[]);
+    let rtpsd = Rtpsd::start(&netns, &["--mode", "native"]);
     let first = netns.status().interfaces[0].index;
     netns.ip("link del veth0");
     netns.ip("link add veth0 type veth peer name veth1");
@@ -438,11 +470,21 @@ fn an_interface_that_comes_back_is_attached_again() {
 }
 
 #[test]
-fn datagrams_reach_the_ring_through_both_hooks() {
+fn datagrams_reach_the_ring_through_xdp_and_the_filter() {
+    datagrams_reach_the_ring(&["--mode", "native"], "xdp_messages");
+}
+
+#[test]
+fn datagrams_reach_the_ring_through_tc_and_the_filter() {
+    datagrams_reach_the_ring(&["--mode", "tc"], "ingress_messages");
+    datagrams_reach_the_ring(&["--discovery", "user"], "ingress_messages");
+}
+
+fn datagrams_reach_the_ring(arguments: &[&str], counter: &str) {
     let Some((here, there)) = Netns::pair() else {
         return;
     };
-    let _rtpsd = Rtpsd::start(&here, &[]);
+    let _rtpsd = Rtpsd::start(&here, arguments);
     let app = AppSocket::connect(&here);
     let slot = welcome(app.hello(hello(0, None)).0).slot;
     let delivered = |interface: &str| here.status().counters[interface]["delivered_records"];
@@ -450,13 +492,13 @@ fn datagrams_reach_the_ring_through_both_hooks() {
     let reader = EntityId::of_app(slot, 1, EntityKind::ReaderNoKey);
     there.within(|| send_data(reader, "10.99.0.1:7411"));
     assert!(wait_until(|| delivered("veth0") == 1));
-    let by_xdp = fill();
-    assert!(by_xdp > 0);
+    let from_outside = fill();
+    assert!(from_outside > 0);
     here.within(|| send_data(reader, "127.0.0.1:7411"));
     assert!(wait_until(|| delivered("lo") == 1));
-    assert!(fill() > by_xdp);
+    assert!(fill() > from_outside);
     let counters = here.status().counters;
-    assert_eq!(counters["veth0"]["xdp_messages"], 1);
+    assert_eq!(counters["veth0"][counter], 1);
     assert_eq!(counters["lo"]["filter_messages"], 1);
 }
 

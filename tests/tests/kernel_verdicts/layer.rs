@@ -15,8 +15,8 @@ use aya_obj::generated::bpf_map_type;
 use rtps_ebpf::{
     ABI_VERSION, Counter, SlotSet,
     abi::{
-        APP_ATTACHED, App, Bell, Config, Domain, PEER_ANY_ADDRESS, PORT_METATRAFFIC,
-        PORT_MULTICAST, PORT_UNICAST, Peer, PortConfig, RecordHeader, name,
+        APP_ATTACHED, App, Bell, Config, Domain, INTERFACE_DELIVERS, Interface, PEER_ANY_ADDRESS,
+        PORT_METATRAFFIC, PORT_MULTICAST, PORT_UNICAST, Peer, PortConfig, RecordHeader, name,
     },
     entity::{Guid, GuidPrefix},
     frame::mapped,
@@ -34,6 +34,9 @@ pub(crate) const ADDRESS_V4: [u8; 4] = [192, 0, 2, 2];
 pub(crate) const ADDRESS_V6: [u8; 16] = [0x20, 1, 0xd, 0xb8, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 2];
 /// Test runs come in on the loopback interface of the current namespace.
 const LOOPBACK: u32 = 1;
+/// Bytes of `struct __sk_buff` (linux/bpf.h), and where the member `gso_size` begins.
+const SK_BUFF: usize = 192;
+const SK_BUFF_GSO_SIZE: usize = 176;
 const BPF_F_MMAPABLE: u32 = 1 << 10;
 
 /// Counters that differ from 0.
@@ -229,6 +232,34 @@ impl Layer {
         Ok(result.return_value)
     }
 
+    /// Has the tc program deliver what comes in on the test interface.
+    pub(crate) fn deliver_at_ingress(&mut self) -> Result<()> {
+        let interface = Interface {
+            tasks: INTERFACE_DELIVERS,
+            ..Interface::default()
+        };
+        self.insert(name::INTERFACES, LOOPBACK, interface)
+    }
+
+    /// Shows a frame to the tc program; `segment` is not 0 where it holds several datagrams, of so many bytes each.
+    pub(crate) fn run_ingress(&mut self, frame: &[u8], segment: u32) -> Result<Outcome> {
+        self.reset_counters()?;
+        let mut frame = frame.to_vec();
+        // The hardware address of the test interface.
+        frame[..6].fill(0);
+        let mut context = [0; SK_BUFF];
+        context[SK_BUFF_GSO_SIZE..][..4].copy_from_slice(&segment.to_ne_bytes());
+        let mut packet = vec![0; frame.len() + 64];
+        let result = ingress(&mut self.ebpf)?.test_run(TestRunOptions {
+            data_in: Some(&frame),
+            data_out: Some(&mut packet),
+            ctx_in: Some(&context),
+            ..TestRunOptions::default()
+        })?;
+        packet.truncate(result.data_size_out as usize);
+        self.outcome(result.return_value, packet)
+    }
+
     /// Shows a datagram, built by `packet::at_socket`, to the socket filter.
     pub(crate) fn run_filter(&mut self, datagram: &[u8]) -> Result<Outcome> {
         self.reset_counters()?;
@@ -391,7 +422,8 @@ fn parse(record: &[u8]) -> Record {
     let header = RecordHeader {
         message_len: word(0),
         ifindex: word(4),
-        domain_index: word(8),
+        domain_index: half(8),
+        segment: half(10),
         hook: record[12],
         flags: record[13],
         source_port: half(14),

@@ -21,7 +21,7 @@ use rtps_ebpf::{
     ABI_VERSION,
     abi::{
         Announcement, AnnouncementKey, BuiltinWriter, Config, DISCOVERY_KERNEL, DOORBELL_RING,
-        Interface, PEER_PROVEN, Peer, SUBMESSAGE_BYTES, Sample, SampleKey, name,
+        INTERFACE_ANSWERS, Interface, PEER_PROVEN, Peer, SUBMESSAGE_BYTES, Sample, SampleKey, name,
     },
     entity::GuidPrefix,
     frame::mapped,
@@ -90,6 +90,7 @@ impl Stage {
             mac: hardware_address(&host, &interface.name)?
                 .addr()
                 .context("no hardware address")?,
+            tasks: INTERFACE_ANSWERS,
             ipv4: interface.v4.octets(),
             ipv6: interface.v6.octets(),
             ..Interface::default()

@@ -24,8 +24,11 @@ use crate::layer::{
 
 pub(crate) const XDP_DROP: u32 = 1;
 pub(crate) const XDP_PASS: u32 = 2;
+/// TCX_NEXT and TCX_DROP (linux/bpf.h).
+pub(crate) const TCX_NEXT: u32 = u32::MAX;
+pub(crate) const TCX_DROP: u32 = 2;
 const RING_BYTES: u32 = 1 << 18;
-const DOORBELL_PORT: u16 = 40_000;
+pub(crate) const DOORBELL_PORT: u16 = 40_000;
 /// Matched with readers of the apps 2 and 9.
 pub(crate) const MATCHED_WRITER: [u8; 4] = [0, 0, 5, 0x02];
 
@@ -242,6 +245,7 @@ fn concerns() -> [Concern; 11] {
 fn messages_reach_the_rings_they_concern() -> Result<()> {
     skip_unless!(require::root());
     let mut layer = layer(DOORBELL_RING)?;
+    layer.deliver_at_ingress()?;
     layer.route(guid(&RELAYED, MATCHED_WRITER), &[255])?;
     for (description, message, expected) in concerns() {
         let size = message.bytes().len() as u64;
@@ -259,6 +263,15 @@ fn messages_reach_the_rings_they_concern() -> Result<()> {
         let outcome = layer.run_xdp(&unicast().carrying(message.bytes()))?;
         assert_eq!(outcome.verdict, XDP_DROP, "{description}");
         assert_eq!(outcome.counts, with_hook("xdp_messages"), "{description}");
+        assert_eq!(slots(&outcome, &message), expected, "{description}");
+
+        let outcome = layer.run_ingress(&unicast().carrying(message.bytes()), 0)?;
+        assert_eq!(outcome.verdict, TCX_DROP, "{description}");
+        assert_eq!(
+            outcome.counts,
+            with_hook("ingress_messages"),
+            "{description}"
+        );
         assert_eq!(slots(&outcome, &message), expected, "{description}");
 
         for port in [UNICAST_PORT, MULTICAST_PORT] {
@@ -338,7 +351,7 @@ fn records_say_where_the_message_came_from() -> Result<()> {
         let header = outcome.records[&1][0].header;
         assert_eq!(header.source_address, source);
         assert_eq!(header.source_port, Frame::SOURCE_PORT);
-        assert_eq!(header.domain_index, DOMAIN);
+        assert_eq!(u32::from(header.domain_index), DOMAIN);
         assert_eq!(header.hook, HOOK_XDP);
         assert_eq!(header.ifindex, 1);
         assert_ne!(header.received_ns, 0);

@@ -62,7 +62,13 @@ pub(crate) struct Stage<'a> {
 impl<'a> Stage<'a> {
     /// The apps run as nobody, through the kernel layer; Cyclone DDS is on the other host.
     pub(crate) fn on_kernel_layer(hosts: &'a Hosts, samples: u64, slack: Duration) -> Result<Self> {
-        let layer = KernelLayer::start(&hosts.rtpsd, &hosts.ours, &hosts.veth.a.name, &[])?;
+        let layer = KernelLayer::start(
+            &hosts.rtpsd,
+            &hosts.ours,
+            &hosts.veth.a.name,
+            // What is to be seen at work here, and what a network card has.
+            &["--mode", "native"],
+        )?;
         let program = std::env::current_exe()?;
         let app = |label: &str, circles: u64| {
             let mut command = hosts.ours.command_as(Identity::NOBODY, &program)?;

@@ -52,7 +52,8 @@ impl<M: Packet> Delivery<'_, M> {
     fn deliver_to(&mut self, slot: u32) {
         let header = &self.scratch.header;
         let counters = self.counters;
-        let (Some(app), Some(ring)) = (maps::app(slot, header.domain_index), Ring::of(slot)) else {
+        let (Some(app), Some(ring)) = (maps::app(slot, header.domain_index.into()), Ring::of(slot))
+        else {
             counters.count(Counter::LostNoApp);
             return;
         };

@@ -71,7 +71,8 @@ fn arrive(buffer: &SocketBuffer, scratch: &mut Scratch) -> Result<(), Counter> {
     scratch.header = RecordHeader {
         message_len: buffer.message().len(),
         ifindex: buffer.ifindex(),
-        domain_index: port.domain_index.into(),
+        domain_index: port.domain_index,
+        segment: 0,
         hook: HOOK_FILTER,
         flags: 0,
         source_port: ports.source,
@@ -87,7 +88,8 @@ fn arrive(buffer: &SocketBuffer, scratch: &mut Scratch) -> Result<(), Counter> {
 fn deliver(buffer: &SocketBuffer, scratch: &mut Scratch) -> Result<bool, Counter> {
     let counters = Counters::of(buffer.ifindex());
     counters.count(Counter::FilterMessages);
-    let domain = maps::domain(scratch.header.domain_index).ok_or(Counter::PassNotConfigured)?;
+    let domain =
+        maps::domain(scratch.header.domain_index.into()).ok_or(Counter::PassNotConfigured)?;
     if buffer.mark() == handled(domain) {
         return Err(Counter::DropHandled);
     }
@@ -110,7 +112,7 @@ fn deliver(buffer: &SocketBuffer, scratch: &mut Scratch) -> Result<bool, Counter
 fn converse(buffer: &SocketBuffer, scratch: &mut Scratch) -> Verdict {
     let (Some(config), Some(domain), Some(exchange)) = (
         maps::config(),
-        maps::domain(scratch.header.domain_index),
+        maps::domain(scratch.header.domain_index.into()),
         maps::exchange(),
     ) else {
         return Verdict::ToDaemon;

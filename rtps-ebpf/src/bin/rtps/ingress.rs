@@ -1,4 +1,5 @@
-//! Hook 2, tc on ingress: discovery, decided and answered before the host's own stack sees it.
+//! Hook 2, tc on ingress: discovery, decided and answered before the host's own stack sees it, and messages for apps
+//! where there is no XDP.
 //!
 //! Unicast ends here. Multicast goes on to the other stacks of the host, with a mark for the socket
 //! filter, so that rtpsd does not get it once more.
@@ -6,12 +7,16 @@
 use aya_ebpf::bindings::tcx_action_base::{TCX_DROP, TCX_NEXT};
 use rtps_ebpf::{
     Bytes as _, Counter,
-    abi::{DISCOVERY_KERNEL, Domain, HOOK_INGRESS, PORT_MULTICAST, RecordHeader},
+    abi::{
+        DISCOVERY_KERNEL, Domain, HOOK_INGRESS, INTERFACE_ANSWERS, INTERFACE_DELIVERS,
+        PORT_MULTICAST, PORT_UNICAST, RecordHeader,
+    },
     discovery::Exchange,
-    frame::{IPV4_MIN_LEN, IPV6_LEN, UDP_LEN, datagram},
+    frame::{Datagram, IPV4_MIN_LEN, IPV6_LEN, UDP_LEN, datagram},
 };
 
 use crate::{
+    burst::{self, Taken},
     deliver::Delivery,
     emit::{ORIGINAL_BYTES, Reply},
     exchange::{Conversation, Voice},
@@ -36,11 +41,15 @@ pub(crate) fn handle(buffer: &LinkBuffer) -> i32 {
     let Some(scratch) = maps::scratch() else {
         return TCX_NEXT;
     };
-    let arrived = arrive(buffer, scratch).and_then(|()| deliver(buffer, scratch));
-    let verdict = match arrived {
-        Err(verdict) => verdict,
-        Ok(()) => converse(buffer, scratch),
-    };
+    let tasks = maps::interface(buffer.ifindex()).map_or(0, |interface| interface.tasks);
+    if let Err(counter) = arrive(buffer, scratch, tasks) {
+        if tasks & INTERFACE_DELIVERS != 0 {
+            // No other hook has counted it.
+            Counters::of(buffer.ifindex()).count(counter);
+        }
+        return TCX_NEXT;
+    }
+    let verdict = decide(buffer, scratch);
     match verdict {
         Verdict::Pass => TCX_NEXT,
         Verdict::Drop(counter) => {
@@ -48,7 +57,7 @@ pub(crate) fn handle(buffer: &LinkBuffer) -> i32 {
             TCX_DROP
         }
         Verdict::Handled if scratch.datagram.multicast => {
-            if let Some(domain) = maps::domain(scratch.header.domain_index) {
+            if let Some(domain) = maps::domain(scratch.header.domain_index.into()) {
                 buffer.set_mark(handled(domain));
             }
             TCX_NEXT
@@ -66,38 +75,57 @@ pub(crate) const fn handled(domain: &Domain) -> u16 {
     u16::from_ne_bytes([a, b]) | 1
 }
 
-/// Notes the datagram, if it is one that this hook may take.
-#[inline(never)]
-fn arrive(buffer: &LinkBuffer, scratch: &mut Scratch) -> Result<(), Verdict> {
-    let config = maps::config()
-        .filter(|config| config.discovery == DISCOVERY_KERNEL)
-        .ok_or(Verdict::Pass)?;
-    if !buffer.is_for_this_host() {
-        return Err(Verdict::Pass);
+/// Apps first; the rest is discovery.
+#[inline(always)]
+fn decide(buffer: &LinkBuffer, scratch: &mut Scratch) -> Verdict {
+    if scratch.is_for_apps {
+        match burst::take(buffer, scratch) {
+            Taken::Left if !scratch.may_converse => return Verdict::Pass,
+            Taken::Left => {}
+            Taken::Nobody(counter) => return Verdict::Drop(counter),
+            Taken::Delivered => return Verdict::Handled,
+            Taken::Rings => return Verdict::Pass,
+        }
     }
-    scratch.datagram = datagram(buffer).map_err(|_| Verdict::Pass)?;
+    match deliver(buffer, scratch) {
+        Err(verdict) => verdict,
+        Ok(()) => converse(buffer, scratch),
+    }
+}
+
+/// Notes the datagram, if it is one that this hook may take; if not, the counter to pass it under.
+#[inline(never)]
+fn arrive(buffer: &LinkBuffer, scratch: &mut Scratch, tasks: u16) -> Result<(), Counter> {
+    let config = maps::config().ok_or(Counter::PassNotConfigured)?;
+    if !buffer.is_for_this_host() {
+        return Err(Counter::PassNotOurAddress);
+    }
+    scratch.datagram = datagram(buffer)?;
     let datagram = &scratch.datagram;
-    let port = maps::port(datagram.ports.destination).ok_or(Verdict::Pass)?;
-    let is_ours = if port.kind == PORT_MULTICAST {
+    let port = maps::port(datagram.ports.destination).ok_or(Counter::PassNotOurPort)?;
+    if datagram.multicast {
         // With a tag it is for another interface, where it comes by once more.
-        datagram.multicast && !buffer.has_vlan_tag()
-    } else {
-        !datagram.multicast && maps::is_own_address(&datagram.destination)
-    };
-    let header_len = if datagram.ipv4 {
-        IPV4_MIN_LEN
-    } else {
-        IPV6_LEN
-    };
-    let has_options = datagram.udp != datagram.ip + header_len;
-    if !is_ours || has_options || maps::is_own_address(&datagram.source) {
-        return Err(Verdict::Pass);
+        if port.kind != PORT_MULTICAST || buffer.has_vlan_tag() {
+            return Err(Counter::PassMulticast);
+        }
+    } else if port.kind == PORT_MULTICAST || !maps::is_own_address(&datagram.destination) {
+        return Err(Counter::PassNotOurAddress);
+    }
+    scratch.is_for_apps = port.kind == PORT_UNICAST && tasks & INTERFACE_DELIVERS != 0;
+    scratch.may_converse =
+        config.discovery == DISCOVERY_KERNEL && buffer.segment() == 0 && is_plain(datagram);
+    if !scratch.is_for_apps && !scratch.may_converse {
+        return Err(match datagram.multicast {
+            true => Counter::PassMulticast,
+            false => Counter::PassMetatraffic,
+        });
     }
     scratch.lookup = Lookup::new(datagram.source, config);
     scratch.header = RecordHeader {
         message_len: datagram.ports.len - UDP_LEN,
         ifindex: buffer.ifindex(),
-        domain_index: port.domain_index.into(),
+        domain_index: port.domain_index,
+        segment: buffer.segment() as u16,
         hook: HOOK_INGRESS,
         flags: 0,
         source_port: datagram.ports.source,
@@ -107,11 +135,22 @@ fn arrive(buffer: &LinkBuffer, scratch: &mut Scratch) -> Result<(), Verdict> {
     Ok(())
 }
 
+/// Whether its frame can be made the frame of an answer, to another host.
+#[inline(always)]
+fn is_plain(datagram: &Datagram) -> bool {
+    let header_len = if datagram.ipv4 {
+        IPV4_MIN_LEN
+    } else {
+        IPV6_LEN
+    };
+    datagram.udp == datagram.ip + header_len && !maps::is_own_address(&datagram.source)
+}
+
 /// Takes the message from the stack if it concerns built-in endpoints, or nobody; apps get theirs.
 #[inline(never)]
 fn deliver(buffer: &LinkBuffer, scratch: &mut Scratch) -> Result<(), Verdict> {
     let message = message(buffer, scratch);
-    let domain = maps::domain(scratch.header.domain_index).ok_or(Verdict::Pass)?;
+    let domain = maps::domain(scratch.header.domain_index.into()).ok_or(Verdict::Pass)?;
     let built_in = examine(&message, scratch, domain);
     let is_own = *scratch.walk.sender() == domain.guid_prefix;
     if is_own || built_in == Ok(false) || built_in.is_err() && scratch.datagram.multicast {
@@ -134,7 +173,7 @@ fn deliver(buffer: &LinkBuffer, scratch: &mut Scratch) -> Result<(), Verdict> {
 /// Does what the built-in endpoints would.
 #[inline(never)]
 fn converse(buffer: &LinkBuffer, scratch: &mut Scratch) -> Verdict {
-    let domain = maps::domain(scratch.header.domain_index);
+    let domain = maps::domain(scratch.header.domain_index.into());
     let (Some(exchange), Some(domain)) = (maps::exchange(), domain) else {
         return Verdict::Handled;
     };
@@ -180,7 +219,8 @@ fn may_answer(buffer: &LinkBuffer, domain: &Domain, scratch: &Scratch) -> bool {
     };
     let datagram = &scratch.datagram;
     let is_too_long = datagram.multicast && buffer.len() > ORIGINAL_BYTES as u32;
-    scratch.header.received_ns <= config.answer_until_ns
+    interface.tasks & INTERFACE_ANSWERS != 0
+        && scratch.header.received_ns <= config.answer_until_ns
         && !is_too_long
         && reply
             .prepare(datagram, interface, domain.metatraffic_port as u16)

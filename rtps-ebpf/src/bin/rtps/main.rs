@@ -21,6 +21,7 @@
     reason = "the target has a compare-and-exchange, but `core` no atomic type for it"
 )]
 
+mod burst;
 mod deliver;
 mod emit;
 mod exchange;

@@ -77,7 +77,8 @@ fn arrive(frame: &Frame, scratch: &mut Scratch) -> Result<(), Counter> {
     scratch.header = RecordHeader {
         message_len: datagram.ports.len - UDP_LEN,
         ifindex: frame.ifindex(),
-        domain_index: port.domain_index.into(),
+        domain_index: port.domain_index,
+        segment: 0,
         hook: HOOK_XDP,
         flags: 0,
         source_port: datagram.ports.source,
@@ -89,8 +90,10 @@ fn arrive(frame: &Frame, scratch: &mut Scratch) -> Result<(), Counter> {
 
 #[inline(always)]
 fn deliver(frame: &Frame, scratch: &mut Scratch, counters: Counters) -> Verdict {
-    let (Some(config), Some(domain)) = (maps::config(), maps::domain(scratch.header.domain_index))
-    else {
+    let (Some(config), Some(domain)) = (
+        maps::config(),
+        maps::domain(scratch.header.domain_index.into()),
+    ) else {
         return Verdict::Pass(Counter::PassNotConfigured);
     };
     let message = frame.message(scratch.datagram.udp + UDP_LEN, scratch.header.message_len);

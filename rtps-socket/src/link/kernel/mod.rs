@@ -240,7 +240,7 @@ impl Link for KernelLink {
             .drain(RECORDS_AT_ONCE, |record| match record::parse(record) {
                 // Those addresses are for what comes out of channels.
                 Some((source, _)) if local::is_local(source.ip()) => {}
-                Some((source, message)) => sink(source, message),
+                Some((source, messages)) => messages.for_each(|message| sink(source, message)),
                 None => tracing::warn!(len = record.len(), "a record of the ring is malformed"),
             });
         self.doorbell.took(records, wakeups.contains(DOORBELL));

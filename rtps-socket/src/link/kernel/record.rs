@@ -6,16 +6,21 @@ use std::net::{Ipv6Addr, SocketAddr};
 use rtps_ebpf::abi::RecordHeader;
 use rtps_user::ipv6;
 
-/// Where a message came from, and the message.
-pub(super) fn parse(record: &[u8]) -> Option<(SocketAddr, &[u8])> {
+/// Where messages came from, and each of them.
+pub(super) fn parse(record: &[u8]) -> Option<(SocketAddr, impl Iterator<Item = &[u8]>)> {
     let header = record.get(..size_of::<RecordHeader>())?;
     let len = u32::from_ne_bytes(field(header, offset_of!(RecordHeader, message_len))?);
     let port = u16::from_ne_bytes(field(header, offset_of!(RecordHeader, source_port))?);
     let address: [u8; 16] = field(header, offset_of!(RecordHeader, source_address))?;
-    let message = record.get(header.len()..)?.get(..len as usize)?;
+    let messages = record.get(header.len()..)?.get(..len as usize)?;
+    let segment = match u16::from_ne_bytes(field(header, offset_of!(RecordHeader, segment))?) {
+        // One message, perhaps an empty one.
+        0 => messages.len().max(1),
+        segment => segment.into(),
+    };
     let interface = u32::from_ne_bytes(field(header, offset_of!(RecordHeader, ifindex))?);
     let ip = ipv6::with_interface(Ipv6Addr::from(address).to_canonical(), interface);
-    Some((SocketAddr::new(ip, port), message))
+    Some((SocketAddr::new(ip, port), messages.chunks(segment)))
 }
 
 fn field<const N: usize>(header: &[u8], offset: usize) -> Option<[u8; N]> {
@@ -39,9 +44,17 @@ mod tests {
     #[test]
     fn the_message_ends_where_its_length_says() {
         let record = record(4, b"RTPS and padding");
-        let (source, message) = parse(&record).unwrap();
+        let (source, messages) = parse(&record).unwrap();
         assert_eq!(source, "10.0.0.1:7411".parse().unwrap());
-        assert_eq!(message, b"RTPS");
+        assert_eq!(messages.collect::<Vec<_>>(), [b"RTPS"]);
+    }
+
+    #[test]
+    fn messages_that_came_together_are_taken_apart() {
+        let mut record = record(10, b"RTPSRTPSRT and padding");
+        record[10..12].copy_from_slice(&4u16.to_ne_bytes());
+        let (_, messages) = parse(&record).unwrap();
+        assert_eq!(messages.collect::<Vec<_>>(), [&b"RTPS"[..], b"RTPS", b"RT"]);
     }
 
     #[test]
@@ -55,8 +68,8 @@ mod tests {
 
     #[test]
     fn records_that_lie_are_refused() {
-        assert_eq!(parse(&record(5, b"RTPS")), None);
-        assert_eq!(parse(&record(u32::MAX, b"RTPS")), None);
-        assert_eq!(parse(&record(0, b"")[..39]), None);
+        assert!(parse(&record(5, b"RTPS")).is_none());
+        assert!(parse(&record(u32::MAX, b"RTPS")).is_none());
+        assert!(parse(&record(0, b"")[..39]).is_none());
     }
 }

@@ -7,8 +7,8 @@ use std::net::IpAddr;
 use anyhow::{Context, Result};
 use aya::maps::{Array, HashMap, MapData};
 use rtps_ebpf::abi::{
-    Announcement, AnnouncementKey, BUILTIN_WRITERS, BuiltinWriter, Interface, SUBMESSAGE_BYTES,
-    Sample, SampleKey, WRITER_INCOMPLETE, name,
+    Announcement, AnnouncementKey, BUILTIN_WRITERS, BuiltinWriter, INTERFACE_ANSWERS, Interface,
+    SUBMESSAGE_BYTES, Sample, SampleKey, WRITER_INCOMPLETE, name,
 };
 use rtps_user::discovery::prefer_addresses;
 use rtps_user::wire::{EntityId, SequenceNumber};
@@ -54,7 +54,7 @@ impl DiscoveryMaps {
         })
     }
 
-    /// Has the kernel answer on these interfaces, and on no other.
+    /// Tells the tc program of these interfaces, and of no other.
     pub(crate) fn set_interfaces(&mut self, interfaces: &BTreeMap<u32, Interface>) -> Result<()> {
         let entries = interfaces.iter().map(|(index, entry)| (*index, *entry));
         replace(&mut self.interfaces, entries).context("map `interfaces`")
@@ -62,7 +62,9 @@ impl DiscoveryMaps {
 
     /// The indices of the interfaces where the kernel answers.
     pub(crate) fn interfaces(&self) -> BTreeSet<u32> {
-        self.interfaces.keys().filter_map(Result::ok).collect()
+        let entries = self.interfaces.iter().filter_map(Result::ok);
+        let answering = entries.filter(|(_, entry)| entry.tasks & INTERFACE_ANSWERS != 0);
+        answering.map(|(index, _)| index).collect()
     }
 
     /// What unknown participants are answered with on these interfaces; rtpsd answers where it is empty or too long.

@@ -1,5 +1,5 @@
 //! The tc programs, attached by tcx links: `rtps_ingress` on each interface decides on discovery messages and answers
-//! them, `rtps_fan_out` on the loopback interface sends to several destinations what an app sends once.
+//! them, and delivers to apps where XDP does not, `rtps_fan_out` on the loopback interface sends to several destinations what an app sends once.
 //!
 //! Each comes before other tc programs, which may end the chain.
 
@@ -13,6 +13,7 @@ use rtps_net::{Interface, LOOPBACK_INDEX};
 use tracing::{info, warn};
 
 use super::{Loader, innermost, program};
+use crate::ethernet;
 use crate::pins::Hook;
 use crate::run_folder::remove_if_there;
 
@@ -90,6 +91,7 @@ impl Loader {
     /// not work.
     pub(crate) fn attach_classifier(&mut self, interface: &Interface) -> Result<(), String> {
         self.classifiers.ingress.clone()?;
+        ethernet::describe(interface, 0)?;
         self.attach_at(&Place::ingress(interface))
     }
 

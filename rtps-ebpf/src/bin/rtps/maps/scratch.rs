@@ -4,7 +4,7 @@ use aya_ebpf::{btf_maps::PerCpuArray, macros::btf_map};
 use rtps_ebpf::{Reason, SlotSet, Walk, abi::RecordHeader, discovery::Exchange, frame::Datagram};
 
 use super::{Lookup, Progress};
-use crate::emit::Reply;
+use crate::{burst::Burst, emit::Reply};
 
 #[btf_map(name = "scratch")]
 static SCRATCH: PerCpuArray<Scratch, 1> = PerCpuArray::new();
@@ -36,6 +36,11 @@ pub(crate) struct Scratch {
     pub(crate) progress: Progress,
     /// The sender was unknown before the message.
     pub(crate) is_new: bool,
+    /// At the tc hook, where it delivers: the datagram is for the apps' port.
+    pub(crate) is_for_apps: bool,
+    /// At the tc hook: it is one that may be answered, and discovery is the kernel's.
+    pub(crate) may_converse: bool,
+    pub(crate) burst: Burst,
 }
 
 /// This CPU's scratch space.

@@ -53,7 +53,7 @@ impl DomainWorld {
     #[inline(always)]
     pub(crate) fn of(header: &RecordHeader) -> Self {
         Self {
-            domain_index: header.domain_index,
+            domain_index: header.domain_index.into(),
             ifindex: header.ifindex,
         }
     }

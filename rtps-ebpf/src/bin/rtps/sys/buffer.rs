@@ -116,13 +116,12 @@ impl LinkBuffer {
         unsafe { (*self.context).ifindex }
     }
 
-    /// Whether it is one frame as it came from the link, for this host: not looped back, not overheard,
-    /// not several in one.
+    /// Whether it came from the link, for this host: not looped back, not overheard.
     #[inline(always)]
     pub(crate) fn is_for_this_host(&self) -> bool {
         // SAFETY: the context is the program's own.
-        let (kind, segment) = unsafe { ((*self.context).pkt_type, (*self.context).gso_size) };
-        (kind == PACKET_HOST || kind == PACKET_MULTICAST) && segment == 0
+        let kind = unsafe { (*self.context).pkt_type };
+        kind == PACKET_HOST || kind == PACKET_MULTICAST
     }
 
     /// Whether it came with a VLAN tag, which an answer will have, too.
