@@ -9,6 +9,7 @@ pub use crate::link::in_process::InProcessError;
 pub use crate::link::kernel::AttachError;
 
 use crate::cdr::EncodeError;
+use crate::filter::{BindError, ParseError};
 
 /// Why a topic, writer or reader could not be created.
 #[derive(Clone, Debug, Eq, Error, PartialEq)]
@@ -57,6 +58,24 @@ pub enum CreateError {
     UnsupportedRepresentation,
 }
 
+/// Why a filter is refused.
+#[derive(Clone, Debug, Eq, Error, PartialEq)]
+#[non_exhaustive]
+pub enum FilterError {
+    /// The expression is none of DDS 1.4 annex B.
+    #[error("the filter cannot be read: {0}")]
+    Parse(#[from] ParseError),
+    /// The expression does not fit the topic's type.
+    #[error("the filter does not fit the type: {0}")]
+    Bind(#[from] BindError),
+    /// There is `%0` to `%99`.
+    #[error("{0} parameters are more than the 100 that an expression can mention")]
+    TooManyParameters(usize),
+    /// The name cannot be one.
+    #[error(transparent)]
+    Refused(#[from] CreateError),
+}
+
 /// Why policies were not changed. All stay as they were.
 #[derive(Clone, Debug, Eq, Error, PartialEq)]
 #[non_exhaustive]
@@ -88,6 +107,11 @@ pub enum WriteError {
     /// A payload begins with its 4-byte encapsulation header.
     #[error("a raw payload of {0} bytes has no encapsulation header (RTPS 2.5 section 10.2)")]
     NoEncapsulation(usize),
+    /// What was written into a loan is not of the type.
+    #[error(
+        "the loan has no sample of type {0} in it: serialize one, with its encapsulation header"
+    )]
+    NoSample(&'static str),
     /// Only topics with keys have instances to dispose or unregister.
     #[error("the topic has no key, so there is no instance to dispose or unregister")]
     NoKey,
@@ -125,6 +149,9 @@ pub enum WaitError {
     /// The layer was set up anew, and the participant is no longer part of the domain.
     #[error("the layer was unloaded: open the participant again")]
     LayerLost,
+    /// Repairs are under way, or a writer has stopped.
+    #[error("the history of a matched writer has not come in time")]
+    HistoryIncomplete,
     /// Samples are under way, or a reader has stopped.
     #[error("a reliable reader has not acknowledged everything in time")]
     Unacknowledged,

@@ -23,6 +23,7 @@ mod table;
 mod transmit;
 pub mod wire;
 pub mod writer;
+pub mod xtypes;
 
 pub use count::CountClock;
 pub use own_keys::{OwnKeyHasher, OwnKeys};

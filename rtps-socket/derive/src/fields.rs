@@ -4,9 +4,13 @@ use proc_macro2::TokenStream;
 use quote::quote;
 use syn::{DeriveInput, Ident, Type};
 
+use crate::discriminator::{Discriminator, Label};
+
 /// A struct's member.
 pub(crate) struct StructField<'a> {
     pub(crate) ident: &'a Ident,
+    /// In IDL, as in all others.
+    pub(crate) name: &'a str,
     pub(crate) ty: &'a Type,
     /// Whether a serialized key holds it.
     pub(crate) is_key: bool,
@@ -16,8 +20,13 @@ pub(crate) struct StructField<'a> {
 pub(crate) fn of_struct<'a>(fields: impl Iterator<Item = StructField<'a>>) -> TokenStream {
     let cdr = crate::cdr();
     let (values, types): (Vec<_>, Vec<_>) = fields
-        .map(|StructField { ident, ty, is_key }| {
-            let name = name(ident);
+        .map(|field| {
+            let StructField {
+                ident,
+                name,
+                ty,
+                is_key,
+            } = field;
             let value = quote! {
                 [#name, path @ ..] => {
                     #cdr::CdrType::value_at(#cdr::Member::value(&self.#ident)?, path)
@@ -32,10 +41,9 @@ pub(crate) fn of_struct<'a>(fields: impl Iterator<Item = StructField<'a>>) -> To
     accessors(&quote!(#(#values)*), &quote!(#(#types)*))
 }
 
-/// `CdrType::value_at` and `type_at` of an enumeration.
-pub(crate) fn of_enumeration(ident: &Ident, literals: &[&Ident]) -> TokenStream {
+/// `CdrType::value_at` and `type_at` of an enumeration with these literals and their names.
+pub(crate) fn of_enumeration(ident: &Ident, literals: &[&Ident], names: &[String]) -> TokenStream {
     let cdr = crate::cdr();
-    let names = literals.iter().map(|literal| name(literal));
     accessors(
         &quote! {
             [] => ::core::option::Option::Some(#cdr::Value::Int(match self {
@@ -58,33 +66,28 @@ pub(crate) fn of_enumeration(ident: &Ident, literals: &[&Ident]) -> TokenStream 
 /// A union's variant.
 pub(crate) struct UnionField<'a> {
     pub(crate) ident: &'a Ident,
+    pub(crate) name: &'a str,
     pub(crate) ty: Option<&'a Type>,
     /// The discriminator as it is written.
-    pub(crate) label: i128,
+    pub(crate) label: Option<&'a Label>,
 }
 
 /// `CdrType::value_at` and `type_at` of a union; its discriminator is `_d`, as in the language mappings, or
 /// `discriminator`, as in XTypes 7.5.
-pub(crate) fn of_union(fields: &[UnionField<'_>]) -> TokenStream {
+pub(crate) fn of_union(discriminator: &Discriminator, fields: &[UnionField<'_>]) -> TokenStream {
     let cdr = crate::cdr();
-    let labels = fields.iter().map(|UnionField { ident, ty, label }| {
-        let label = match u64::try_from(*label) {
-            Ok(label) => quote!(#cdr::Value::UInt(#label)),
-            Err(_) => {
-                let label = *label as i64;
-                quote!(#cdr::Value::Int(#label))
-            }
-        };
-        let member = ty.map(|_| quote!((_)));
-        quote!(Self::#ident #member => #label,)
+    let labels = fields.iter().map(|field| {
+        let UnionField { ident, label, .. } = field;
+        let member = field.ty.map(|_| quote!((_)));
+        quote!(Self::#ident #member => &#label,)
     });
     let others = (fields.len() > 1).then(|| quote!(_ => ::core::option::Option::None,));
     let (mut values, mut types) = (Vec::new(), Vec::new());
-    for (ident, ty) in fields
-        .iter()
-        .filter_map(|field| Some((field.ident, field.ty?)))
+    for UnionField {
+        ident, name, ty, ..
+    } in fields
     {
-        let name = name(ident);
+        let Some(ty) = ty else { continue };
         values.push(quote! {
             [#name, path @ ..] => match self {
                 Self::#ident(value) => #cdr::CdrType::value_at(value, path),
@@ -95,14 +98,14 @@ pub(crate) fn of_union(fields: &[UnionField<'_>]) -> TokenStream {
     }
     accessors(
         &quote! {
-            ["_d" | "discriminator"] => ::core::option::Option::Some(match self { #(#labels)* }),
+            ["_d" | "discriminator"] => {
+                let label: &'static #discriminator = match self { #(#labels)* };
+                #cdr::CdrType::value_at(label, &[])
+            }
             #(#values)*
         },
         &quote! {
-            ["_d" | "discriminator"] => ::core::option::Option::Some(#cdr::FieldType {
-                kind: #cdr::Kind::Integer,
-                is_key: true,
-            }),
+            ["_d" | "discriminator"] => <#discriminator as #cdr::CdrType>::type_at(&[]),
             #(#types)*
         },
     )
@@ -150,9 +153,4 @@ fn accessors(values: &TokenStream, types: &TokenStream) -> TokenStream {
             }
         }
     }
-}
-
-/// The name in IDL.
-fn name(ident: &Ident) -> String {
-    ident.to_string().trim_start_matches("r#").to_owned()
 }

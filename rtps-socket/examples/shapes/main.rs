@@ -20,7 +20,9 @@ use serde_json::{Value, json};
 
 use options::{Options, Switch};
 
+// By name: peers have the type as final or appendable, and their last member as octets or not.
 #[derive(DdsType)]
+#[dds(by_name)]
 struct ShapeType {
     #[dds(key, bound = 128)]
     color: String,

@@ -3,6 +3,8 @@
 use std::collections::{BTreeMap, HashMap};
 use std::hash::{BuildHasher, Hash};
 
+use rtps_user::xtypes::{TypeBuilder, TypePair};
+
 use super::fields::{element_type, index, leaf_type};
 use super::{
     Bounded, CdrType, DecodeError, Decoder, EncodeError, Encoder, FieldType, KeySize, Kind,
@@ -53,6 +55,10 @@ impl CdrType for String {
     fn type_at(path: &[&str]) -> Option<FieldType> {
         leaf_type(path, Kind::String)
     }
+
+    fn describe(_: &mut TypeBuilder) -> Option<TypePair> {
+        Some(TypePair::string(false, 0))
+    }
 }
 
 impl Bounded for String {
@@ -63,6 +69,10 @@ impl Bounded for String {
     fn add_bounded_key_size(size: &mut KeySize, bound: usize) {
         size.add(4, 1);
         size.add(1, bound.saturating_add(1));
+    }
+
+    fn describe_bounded(_: &mut TypeBuilder, bound: u32) -> Option<TypePair> {
+        Some(TypePair::string(false, bound))
     }
 }
 
@@ -105,6 +115,10 @@ impl<T: CdrType> CdrType for Vec<T> {
     fn type_at(path: &[&str]) -> Option<FieldType> {
         element_type::<T>(path)
     }
+
+    fn describe(types: &mut TypeBuilder) -> Option<TypePair> {
+        Some(T::describe(types)?.sequence(0))
+    }
 }
 
 impl<T: CdrType> Bounded for Vec<T> {
@@ -116,6 +130,10 @@ impl<T: CdrType> Bounded for Vec<T> {
         size.add_delimiter(T::IS_PRIMITIVE);
         size.add(4, 1);
         size.add_repeated(bound, T::add_key_size);
+    }
+
+    fn describe_bounded(types: &mut TypeBuilder, bound: u32) -> Option<TypePair> {
+        Some(T::describe(types)?.sequence(bound))
     }
 }
 
@@ -143,6 +161,10 @@ impl<T: CdrType, const N: usize> CdrType for [T; N] {
     fn add_key_size(size: &mut KeySize) {
         size.add_delimiter(T::LEAF_IS_PRIMITIVE);
         size.add_repeated(N, T::add_key_size);
+    }
+
+    fn describe(types: &mut TypeBuilder) -> Option<TypePair> {
+        Some(T::describe(types)?.array(u32::try_from(N).ok()?))
     }
 
     fn encode_flat(&self, encoder: &mut Encoder<'_>) -> Result<(), EncodeError> {
@@ -191,6 +213,10 @@ impl<T: CdrType> CdrType for Box<T> {
 
     fn add_key_size(size: &mut KeySize) {
         T::add_key_size(size);
+    }
+
+    fn describe(types: &mut TypeBuilder) -> Option<TypePair> {
+        T::describe(types)
     }
 
     fn encode_flat(&self, encoder: &mut Encoder<'_>) -> Result<(), EncodeError> {
@@ -244,6 +270,10 @@ macro_rules! map {
             fn add_key_size(size: &mut KeySize) {
                 size.add_unbounded();
             }
+
+            fn describe(types: &mut TypeBuilder) -> Option<TypePair> {
+                Some(K::describe(types)?.map_to(V::describe(types)?, 0))
+            }
         }
 
         impl<K: CdrType, V: CdrType $(, $hasher)?> Bounded for $map<K, V $(, $hasher)?> {
@@ -258,6 +288,10 @@ macro_rules! map {
                     K::add_key_size(size);
                     V::add_key_size(size);
                 });
+            }
+
+            fn describe_bounded(types: &mut TypeBuilder, bound: u32) -> Option<TypePair> {
+                Some(K::describe(types)?.map_to(V::describe(types)?, bound))
             }
         }
     };

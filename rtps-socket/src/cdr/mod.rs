@@ -52,7 +52,11 @@ pub use payload::{
     Encapsulation, Representation, from_key_payload, from_payload, key_payload, to_payload,
 };
 pub use rtps_user::filter::{FieldType, Fields, Kind, Value};
-pub use types::{ByteOrder, CdrType, DdsType, Extensibility, LengthCode, Scope, min_struct_size};
+pub use rtps_user::xtypes::{
+    Definition, Extensibility, Literal, StructMember, TypeBuilder, TypePair, TypeSupport,
+    UnionMember,
+};
+pub use types::{ByteOrder, CdrType, DdsType, LengthCode, Scope, min_struct_size};
 
 /// How deep aggregated types may nest in one sample, in both directions.
 ///

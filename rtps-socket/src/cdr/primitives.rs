@@ -1,5 +1,7 @@
 //! Primitive types, and runs of them: one copy where the byte order is this machine's.
 
+use rtps_user::xtypes::{TypeBuilder, TypeKind, TypePair};
+
 use super::fields::leaf_type;
 use super::{
     ByteOrder, CdrType, DecodeError, Decoder, EncodeError, Encoder, FieldType, KeySize, Kind,
@@ -76,7 +78,7 @@ macro_rules! primitive {
 }
 
 macro_rules! cdr_number {
-    ($kind:ident, $value:ident: $($type:ty)*) => {$(
+    ($field:ident, $value:ident: $($type:ty = $kind:ident)*) => {$(
         impl CdrType for $type {
             const IS_PRIMITIVE: bool = true;
             const MIN_SIZE: usize = size_of::<$type>();
@@ -99,6 +101,10 @@ macro_rules! cdr_number {
                 size.add(size_of::<$type>(), 1);
             }
 
+            fn describe(_: &mut TypeBuilder) -> Option<TypePair> {
+                Some(TypePair::primitive(TypeKind::$kind))
+            }
+
             fn encode_slice(items: &[Self], encoder: &mut Encoder<'_>) -> Result<(), EncodeError> {
                 encoder.put_all(items);
                 Ok(())
@@ -117,16 +123,16 @@ macro_rules! cdr_number {
             }
 
             fn type_at(path: &[&str]) -> Option<FieldType> {
-                leaf_type(path, Kind::$kind)
+                leaf_type(path, Kind::$field)
             }
         }
     )*};
 }
 
 primitive!(i8 i16 u16 i32 u32 i64 u64 f32 f64);
-cdr_number!(Integer, Int: i8 i16 i32 i64);
-cdr_number!(Integer, UInt: u8 u16 u32 u64);
-cdr_number!(Float, Float: f32 f64);
+cdr_number!(Integer, Int: i8 = INT8 i16 = INT16 i32 = INT32 i64 = INT64);
+cdr_number!(Integer, UInt: u8 = UINT8 u16 = UINT16 u32 = UINT32 u64 = UINT64);
+cdr_number!(Float, Float: f32 = FLOAT32 f64 = FLOAT64);
 
 impl Primitive for u8 {
     const SIZE: usize = 1;
@@ -189,6 +195,10 @@ impl CdrType for bool {
     fn type_at(path: &[&str]) -> Option<FieldType> {
         leaf_type(path, Kind::Bool)
     }
+
+    fn describe(_: &mut TypeBuilder) -> Option<TypePair> {
+        Some(TypePair::primitive(TypeKind::BOOLEAN))
+    }
 }
 
 /// An IDL `char`: one byte, of ISO 8859-1.
@@ -221,5 +231,9 @@ impl CdrType for char {
 
     fn type_at(path: &[&str]) -> Option<FieldType> {
         leaf_type(path, Kind::Char)
+    }
+
+    fn describe(_: &mut TypeBuilder) -> Option<TypePair> {
+        Some(TypePair::primitive(TypeKind::CHAR8))
     }
 }

@@ -1,5 +1,7 @@
 //! The traits of types that have a CDR encoding, and the words they are described with.
 
+use rtps_user::xtypes::{Extensibility, TypeBuilder, TypePair, TypeSupport};
+
 use super::{DecodeError, Decoder, EncodeError, Encoder, FieldType, Fields, KeySize, Value};
 
 /// Order of the bytes of a multi-byte primitive.
@@ -9,17 +11,6 @@ pub enum ByteOrder {
     Little,
     /// Most significant byte first.
     Big,
-}
-
-/// How a type may evolve, XTypes 7.2.3.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Extensibility {
-    /// Never changes.
-    Final,
-    /// May get members at its end.
-    Appendable,
-    /// May gain, lose and reorder members, which carry their ids.
-    Mutable,
 }
 
 /// Which members of an aggregated type are encoded, and how.
@@ -127,6 +118,12 @@ pub trait CdrType: Sized {
         None
     }
 
+    /// Says what the type is, for its TypeObject; `None` where that cannot be said.
+    fn describe(types: &mut TypeBuilder) -> Option<TypePair> {
+        let _ = types;
+        None
+    }
+
     /// Appends `items` without a count.
     ///
     /// # Errors
@@ -187,11 +184,24 @@ pub trait DdsType: CdrType + Fields {
     /// Whether the topic has instances.
     const HAS_KEY: bool;
 
-    /// The type's TypeInformation (XTypes 7.6.3.2.1) as its endpoints announce it: little endian, in
-    /// XCDR2. Empty where the type does not describe itself; it is then matched by its name alone.
+    /// Whether endpoints announce what the type is; else they are matched by its name alone.
+    const IS_DESCRIBED: bool = true;
+
+    /// The type's TypeInformation (XTypes 7.6.3.2.1) as its endpoints announce it, and the TypeObjects
+    /// that it names. Empty where the type is not described, or cannot be: where it refers to itself, or
+    /// uses a type whose [`CdrType`] is implemented by hand without [`describe`](CdrType::describe).
+    #[must_use]
+    fn type_support() -> TypeSupport {
+        match Self::IS_DESCRIBED {
+            true => TypeBuilder::describe(Self::describe),
+            false => TypeSupport::default(),
+        }
+    }
+
+    /// The first part of [`type_support`](Self::type_support).
     #[must_use]
     fn type_information() -> Vec<u8> {
-        Vec::new()
+        Self::type_support().information
     }
 }
 

@@ -2,15 +2,18 @@
 //!
 //! `read` leaves the samples in the reader, `take` does not. None of it waits.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use rtps_user::reader::{self, InstanceOf, InstanceState, Selection};
 use rtps_user::wire::{KeyHash, PayloadKind};
 
-use super::{DataReader, Sample, instance_of};
+use super::content_filtered_topic::compiled;
+use super::{DataReader, QueryCondition, ReadCondition, Sample, instance_of};
 use crate::cdr::{
     DdsType, DecodeError, Encapsulation, Representation, from_key_payload, from_payload,
 };
+use crate::error::FilterError;
+use crate::socket::Trigger;
 use crate::status::StatusEvent;
 
 /// Whether samples stay in the reader.
@@ -29,6 +32,12 @@ impl<T: DdsType> DataReader<T> {
     /// Takes up to `max` samples of a selection.
     pub fn take_selection(&self, max: usize, selection: &Selection) -> Vec<Sample<T>> {
         self.decode_all(self.reader.take(max, selection), Form::Take)
+    }
+
+    /// Takes up to `max` samples as they were received: the payload is that in the reader's cache, not a copy, and not
+    /// deserialized.
+    pub fn take_serialized(&self, max: usize, selection: &Selection) -> Vec<reader::Sample> {
+        self.reader.take(max, selection)
     }
 
     /// Takes up to `max` samples of one instance.
@@ -54,6 +63,47 @@ impl<T: DdsType> DataReader<T> {
         self.next_instance(previous, Form::Take, |previous| {
             self.reader.take_next_instance(previous, max, selection)
         })
+    }
+
+    /// Takes up to `max` samples that have made a condition of this reader true.
+    pub fn take_query(&self, max: usize, condition: &QueryCondition) -> Vec<Sample<T>> {
+        let Some(filter) = condition.filter() else {
+            return Vec::new();
+        };
+        let samples = self.reader.take_where(max, condition.selection(), &filter);
+        self.decode_all(samples, Form::Take)
+    }
+
+    /// Reads up to `max` samples that have made a condition of this reader true.
+    pub fn read_query(&self, max: usize, condition: &QueryCondition) -> Vec<Sample<T>> {
+        let Some(filter) = condition.filter() else {
+            return Vec::new();
+        };
+        let samples = self.reader.read_where(max, condition.selection(), &filter);
+        self.decode_all(samples, Form::Read)
+    }
+
+    /// A condition that is true while there are samples of a selection.
+    pub fn read_condition(&self, selection: Selection) -> ReadCondition {
+        ReadCondition::new(self.reader.watch(Trigger::Read(selection)), selection)
+    }
+
+    /// A condition that is true while there are samples of a selection for which an expression of DDS 1.4 annex B is;
+    /// `parameters` stand for `%0`, `%1` and so on in it. News of instances that come without key count, too.
+    ///
+    /// # Errors
+    /// When the expression is none, or does not fit the type.
+    pub fn query_condition(
+        &self,
+        selection: Selection,
+        expression: &str,
+        parameters: &[&str],
+    ) -> Result<QueryCondition, FilterError> {
+        let parameters: Vec<_> = parameters.iter().map(|text| (*text).to_owned()).collect();
+        let filter = Mutex::new(compiled::<T>(expression, &parameters)?);
+        let watched = self.reader.watch(Trigger::Query(selection, filter));
+        let condition = QueryCondition::new(watched, selection, expression, compiled::<T>);
+        Ok(condition)
     }
 
     /// Reads all samples that have not been read before.

@@ -1,33 +1,55 @@
 //! DataReader (DDS 1.4 section 2.2.2.5.3).
 
 use std::pin::Pin;
+use std::sync::Arc;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
 use futures_core::Stream;
 use rtps_user::wire::Guid;
 
+use super::EndpointBuiltinTopicData;
 use super::Sample;
 use super::access::{Form, instance_of_payload};
+use super::content_filtered_topic::Filter;
 use super::keys::Keys;
 use crate::cdr::DdsType;
 use crate::error::{CreateError, SetQosError, WaitError};
 use crate::qos::{Qos, policies};
-use crate::socket::{RawReader, RtpsSocket, Template};
+use crate::socket::{FilterSetter, RawReader, RtpsSocket, Template};
 
 /// A reader of samples of type `T`. Dropped, it is withdrawn.
 pub struct DataReader<T> {
     pub(super) reader: RawReader,
     pub(super) keys: Keys,
+    /// Where it belongs to a filtered topic: what its filter is changed with, as long as the reader is there.
+    _filtered: Option<Arc<FilterSetter>>,
     sample: std::marker::PhantomData<fn() -> T>,
 }
 
 impl<T: DdsType> DataReader<T> {
-    pub(super) fn new(socket: &RtpsSocket, template: Template) -> Result<Self, CreateError> {
+    pub(super) fn new(
+        socket: &RtpsSocket,
+        mut template: Template,
+        filter: Option<&Filter>,
+    ) -> Result<Self, CreateError> {
+        template.describe::<T>();
+        if let Some(filter) = filter {
+            let (announced, payloads) = filter.current();
+            template.content_filter = Some(announced);
+            template.payload_filter = Some(payloads);
+        }
         let instance_of = T::HAS_KEY.then(instance_of_payload::<T>);
+        let reader = socket.create_reader_of(template, instance_of)?;
+        let filtered = filter.map(|filter| {
+            let setter = Arc::new(reader.filter_setter());
+            filter.follow(&setter).map(|()| setter)
+        });
+        let filtered = filtered.transpose()?;
         Ok(Self {
-            reader: socket.create_reader_of(template, instance_of)?,
+            reader,
             keys: Keys::default(),
+            _filtered: filtered,
             sample: std::marker::PhantomData,
         })
     }
@@ -80,12 +102,26 @@ impl<T: DdsType> DataReader<T> {
         self.reader.matched()
     }
 
+    /// What is known of a writer that it is matched with.
+    pub fn matched_publication_data(&self, writer: Guid) -> Option<EndpointBuiltinTopicData> {
+        self.reader.matched_publication_data(writer)
+    }
+
     /// Waits until at least `count` writers are matched.
     ///
     /// # Errors
     /// When there are fewer after `timeout`.
     pub fn wait_for_matched(&self, count: usize, timeout: Duration) -> Result<(), WaitError> {
         self.reader.wait_for_matched(count, timeout)
+    }
+
+    /// Waits until everything has come that writers matched now keep for readers that come late: of TRANSIENT_LOCAL and
+    /// up. Of writers that are still to be matched it knows nothing: see [`wait_for_matched`](Self::wait_for_matched).
+    ///
+    /// # Errors
+    /// When it has not before `timeout`.
+    pub fn wait_for_historical_data(&self, timeout: Duration) -> Result<(), WaitError> {
+        self.reader.wait_for_historical_data(timeout)
     }
 
     /// Its policies, with those of its subscriber.

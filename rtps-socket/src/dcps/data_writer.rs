@@ -7,14 +7,17 @@ use std::time::{Duration, SystemTime};
 use bytes::Bytes;
 use rtps_user::history::ChangeKind;
 use rtps_user::qos::DataRepresentation;
-use rtps_user::wire::{Guid, KeyHash, SequenceNumber};
+use rtps_user::wire::{Guid, KeyHash, PayloadKind, SequenceNumber};
 
+use super::EndpointBuiltinTopicData;
+use super::access::instance_of_payload;
 use super::instance_of;
 use super::keys::Keys;
 use crate::cdr::{DdsType, EncodeError, Representation, key_payload, to_payload};
 use crate::error::{CreateError, SetQosError, WaitError, WriteError};
+use crate::filter::announced_filter;
 use crate::qos::{Qos, policies};
-use crate::socket::{RawChange, RawWriter, RtpsSocket, Template};
+use crate::socket::{Loan, RawChange, RawWriter, RtpsSocket, Template};
 
 /// Payloads up to this size are serialized into a buffer that is used again, and copied; larger ones keep theirs.
 const COPIED: usize = 4096;
@@ -34,12 +37,14 @@ pub struct DataWriter<T> {
 }
 
 impl<T: DdsType> DataWriter<T> {
-    pub(super) fn new(socket: &RtpsSocket, template: Template) -> Result<Self, CreateError> {
+    pub(super) fn new(socket: &RtpsSocket, mut template: Template) -> Result<Self, CreateError> {
         let representation = match template.qos.representation.first() {
             None | Some(DataRepresentation::Xcdr1) => Representation::Xcdr1,
             Some(DataRepresentation::Xcdr2) => Representation::Xcdr2,
             Some(DataRepresentation::Xml) => return Err(CreateError::UnsupportedRepresentation),
         };
+        template.describe::<T>();
+        template.make_filter = Some(announced_filter::<T>);
         Ok(Self {
             writer: socket.create_writer_of(template, T::HAS_KEY)?,
             representation,
@@ -63,6 +68,25 @@ impl<T: DdsType> DataWriter<T> {
     /// As [`write`](Self::write).
     pub fn write_at(&self, value: &T, timestamp: SystemTime) -> Result<SequenceNumber, WriteError> {
         self.change(ChangeKind::Alive, value, Some(timestamp))
+    }
+
+    /// Lends a buffer for a sample that is serialized elsewhere, `len` bytes with the encapsulation header.
+    pub fn loan(&self, len: usize) -> Loan {
+        self.writer.loan(len)
+    }
+
+    /// Writes the sample that was serialized into a loan, which is not copied into the history. Of a topic with key it
+    /// is read, to find its instance.
+    ///
+    /// # Errors
+    /// As [`write`](Self::write), and when the topic has a key and there is no sample in the loan.
+    pub fn write_loaned(&self, loan: Loan) -> Result<SequenceNumber, WriteError> {
+        let instance = match T::HAS_KEY {
+            true => instance_of_payload::<T>()(PayloadKind::Data, &loan)
+                .ok_or(WriteError::NoSample(T::TYPE_NAME))?,
+            false => KeyHash::default(),
+        };
+        self.writer.send_loaned(loan, instance)
     }
 
     /// Disposes the instance that `value` belongs to; only its key members count.
@@ -124,24 +148,36 @@ impl<T: DdsType> DataWriter<T> {
         Ok(sequence)
     }
 
-    /// The handle of the instance that `value` belongs to, for the methods that take one. Writing needs none.
+    /// Registers the instance that `value` belongs to, which writing does as well, and gives its handle.
     ///
     /// # Errors
-    /// When the topic has no key, or the key cannot be serialized.
+    /// When the topic has no key, the key cannot be serialized, or max_instances leaves no place.
     pub fn register_instance(&self, value: &T) -> Result<KeyHash, WriteError> {
         if !T::HAS_KEY {
             return Err(WriteError::NoKey);
         }
         let instance = instance_of(value, self.representation, &mut Vec::new())?;
+        self.writer.register_instance(instance)?;
         // The app names them one by one, and unregisters them.
         self.keys.note(instance, value, |_| {});
         Ok(instance)
     }
 
-    /// The handle of the instance that `value` belongs to, if it has been registered.
+    /// The handle of the instance that `value` belongs to, if it has been registered or written and not been
+    /// unregistered. Where neither max_instances nor DEADLINE asks for a book of them, what was written counts as
+    /// long as it is in the history.
     pub fn lookup_instance(&self, value: &T) -> Option<KeyHash> {
+        if !T::HAS_KEY {
+            return None;
+        }
         let instance = instance_of(value, self.representation, &mut Vec::new()).ok()?;
-        self.keys.contains(instance).then_some(instance)
+        if !self.keys.contains(instance) {
+            if !self.writer.is_registered(instance) {
+                return None;
+            }
+            self.keys.note(instance, value, |_| {});
+        }
+        Some(instance)
     }
 
     /// A value of which only the key members are set, those of a registered instance.
@@ -208,6 +244,11 @@ impl<T: DdsType> DataWriter<T> {
     /// The readers that it is matched with.
     pub fn matched(&self) -> Vec<Guid> {
         self.writer.matched()
+    }
+
+    /// What is known of a reader that it is matched with.
+    pub fn matched_subscription_data(&self, reader: Guid) -> Option<EndpointBuiltinTopicData> {
+        self.writer.matched_subscription_data(reader)
     }
 
     /// Waits until at least `count` readers are matched.

@@ -2,10 +2,17 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
 
-use super::{DataReader, DataWriter, Publisher, Subscriber, Topic};
+use rtps_user::RemoteEndpoint;
+
+use super::{
+    BuiltinTopics, ContentFilteredTopic, DataReader, DataWriter, Publisher, Subscriber, Topic,
+    TopicDescription,
+};
 use crate::cdr::DdsType;
-use crate::error::{CreateError, OpenError};
+use crate::driver::Core;
+use crate::error::{CreateError, FilterError, OpenError};
 use crate::qos::Qos;
 use crate::socket::{Builder, RtpsSocket, Template};
 use crate::status::{EntityEvent, StatusMask};
@@ -63,6 +70,42 @@ impl DomainParticipant {
         Topic::new(name)
     }
 
+    /// A topic as readers see it that want only the samples for which an expression of DDS 1.4 annex B is true;
+    /// `parameters` stand for `%0`, `%1` and so on in it. The name is not seen by others.
+    ///
+    /// # Errors
+    /// When the expression is none, or does not fit the type.
+    pub fn create_content_filtered_topic<T: DdsType>(
+        &self,
+        name: &str,
+        topic: &Topic<T>,
+        expression: &str,
+        parameters: &[&str],
+    ) -> Result<ContentFilteredTopic<T>, FilterError> {
+        ContentFilteredTopic::new(name, topic, expression, parameters)
+    }
+
+    /// The topic of that name, once somebody else has an endpoint of it with the type's name; `None` when there is none
+    /// before `timeout`. A topic that is known to be there need not be found: [`create_topic`](Self::create_topic).
+    pub fn find_topic<T: DdsType>(&self, name: &str, timeout: Duration) -> Option<Topic<T>> {
+        let deadline = Instant::now().checked_add(timeout);
+        self.socket.shared().with(Core::browse);
+        let found = self.socket.shared().wait_until(deadline, |core, _| {
+            let mut endpoints = core.browser()?.endpoints();
+            let is_it = |endpoint: &RemoteEndpoint| {
+                endpoint.topic == name && endpoint.type_name == T::TYPE_NAME
+            };
+            endpoints.any(is_it).then_some(())
+        });
+        found.and_then(|()| Topic::new(name).ok())
+    }
+
+    /// What is known of the domain: participants, topics, and the endpoints of others. From the first call on the layer
+    /// tells of all of them.
+    pub fn builtin(&self) -> BuiltinTopics {
+        BuiltinTopics::new(self.socket.clone())
+    }
+
     /// A publisher: writers with policies in common.
     pub fn create_publisher(&self, qos: Qos) -> Publisher {
         Publisher::new(self.socket.clone(), qos, self.autoenables())
@@ -95,14 +138,14 @@ impl DomainParticipant {
     /// When the policies make no sense.
     pub fn create_reader<T: DdsType>(
         &self,
-        topic: &Topic<T>,
+        topic: &impl TopicDescription<T>,
         qos: Qos,
     ) -> Result<DataReader<T>, CreateError> {
         let template = Template {
             is_enabled: self.autoenables(),
-            ..Template::new(topic.name(), T::TYPE_NAME, qos.into_reader())
+            ..Template::new(topic.topic().name(), T::TYPE_NAME, qos.into_reader())
         };
-        DataReader::new(&self.socket, template)
+        DataReader::new(&self.socket, template, topic.filter())
     }
 
     /// ENTITY_FACTORY: whether what is created from now on is enabled at once, as it is by default. A publisher or subscriber
@@ -123,6 +166,15 @@ impl DomainParticipant {
         listener: impl Fn(EntityEvent) + Send + Sync + 'static,
     ) {
         self.socket.set_listener(mask, listener);
+    }
+
+    /// Changes USER_DATA, up to 256 bytes that others see in the participant's announcement
+    /// ([`Builder::user_data`](Builder::user_data)).
+    pub fn set_user_data(&self, data: impl Into<Vec<u8>>) {
+        let user_data = data.into();
+        self.socket
+            .shared()
+            .with(|core, now| core.describe(now, user_data));
     }
 
     /// Asserts the liveliness of all writers with LIVELINESS MANUAL_BY_PARTICIPANT.

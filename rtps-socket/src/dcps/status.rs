@@ -1,7 +1,10 @@
 //! The statuses of typed writers and readers, and who is told of them (DDS 1.4 section 2.2.4).
 
-use super::{DataReader, DataWriter};
+use std::sync::atomic::AtomicU32;
+
+use super::{DataReader, DataWriter, StatusCondition};
 use crate::cdr::DdsType;
+use crate::socket::Trigger;
 use crate::status::{
     DeadlineMissedStatus, IncompatibleQosStatus, InconsistentTopicStatus, LivelinessChangedStatus,
     LivelinessLostStatus, MatchedStatus, SampleLostStatus, SampleRejectedStatus, StatusEvent,
@@ -27,6 +30,12 @@ impl<T: DdsType> DataWriter<T> {
         listener: impl Fn(StatusEvent) + Send + Sync + 'static,
     ) {
         self.writer.set_listener_for(mask, listener);
+    }
+
+    /// A condition that is true while one of these statuses has changed since it was last asked for.
+    pub fn status_condition(&self, statuses: StatusMask) -> StatusCondition {
+        let mask = AtomicU32::new(statuses.bits());
+        StatusCondition::new(self.writer.watch(Trigger::Status(mask)))
     }
 
     /// The statuses that have changed since they were last asked for.
@@ -79,6 +88,12 @@ impl<T: DdsType> DataReader<T> {
         listener: impl Fn(StatusEvent) + Send + Sync + 'static,
     ) {
         self.reader.set_listener_for(mask, listener);
+    }
+
+    /// A condition that is true while one of these statuses has changed since it was last asked for.
+    pub fn status_condition(&self, statuses: StatusMask) -> StatusCondition {
+        let mask = AtomicU32::new(statuses.bits());
+        StatusCondition::new(self.reader.watch(Trigger::Status(mask)))
     }
 
     /// The statuses that have changed since they were last asked for.

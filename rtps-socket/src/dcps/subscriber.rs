@@ -2,8 +2,10 @@
 
 use std::sync::Arc;
 
+use rtps_user::wire::Guid;
+
 use super::group::GroupState;
-use super::{DataReader, Topic};
+use super::{DataReader, TopicDescription};
 use crate::cdr::DdsType;
 use crate::error::{CreateError, SetQosError};
 use crate::qos::Qos;
@@ -29,13 +31,13 @@ impl Subscriber {
     /// When the policies make no sense.
     pub fn create_reader<T: DdsType>(
         &self,
-        topic: &Topic<T>,
+        topic: &impl TopicDescription<T>,
         qos: Qos,
     ) -> Result<DataReader<T>, CreateError> {
         let template = self
             .state
-            .template::<T>(topic.name(), qos, Qos::into_reader);
-        DataReader::new(&self.state.socket, template)
+            .template::<T>(topic.topic().name(), qos, Qos::into_reader);
+        DataReader::new(&self.state.socket, template, topic.filter())
     }
 
     /// Its policies.
@@ -96,6 +98,13 @@ pub struct Access<'a> {
 }
 
 impl Access<'_> {
+    /// The readers with samples that have not been read, one entry for each sample, in the order in which the writers of
+    /// a publisher have written them: whoever takes one sample of each in turn has that order across topics
+    /// (`get_datareaders`). It needs ordered access of GROUP scope; without that it is the order of arrival.
+    pub fn readers(&self) -> Vec<Guid> {
+        self.subscriber.state.group.readers_in_order()
+    }
+
     /// Ends the access.
     pub fn end(self) {}
 }

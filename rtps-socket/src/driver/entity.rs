@@ -1,11 +1,13 @@
 //! What the driver knows of a writer or reader beside its protocol state.
 
-use std::collections::{HashSet, VecDeque};
+use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 use std::task::Waker;
 
+use rtps_user::RemoteEndpoint;
+use rtps_user::filter::PayloadFilter;
 use rtps_user::layer::protocol::Endpoint;
-use rtps_user::qos::Qos;
+use rtps_user::qos::{ContentFilter, Qos};
 use rtps_user::wire::Guid;
 
 use super::audience::{Audience, EntityListener, GroupId, Listener, Masked};
@@ -13,6 +15,9 @@ use crate::status::{EntityEvent, StatusEvent, StatusKind, StatusMask, Statuses};
 
 /// Status events kept for who asks; older ones give way.
 const KEPT_EVENTS: usize = 256;
+
+/// Understands the filter that a remote reader announces, if it can.
+pub(crate) type MakeFilter = fn(&ContentFilter) -> Option<PayloadFilter>;
 
 /// What an endpoint is created with.
 pub(crate) struct Declaration {
@@ -24,6 +29,8 @@ pub(crate) struct Declaration {
     pub(crate) inherits: Inherits,
     /// Whether the layer is told at once.
     pub(crate) is_enabled: bool,
+    /// How a writer understands what remote readers want; without it they are sent everything.
+    pub(crate) make_filter: Option<MakeFilter>,
 }
 
 /// The policies of a publisher or subscriber that hold for an endpoint, because it says nothing of them itself.
@@ -51,7 +58,9 @@ pub(crate) struct Entity {
     topic: Arc<str>,
     type_name: Arc<str>,
     pub(super) declaration: Declaration,
-    matched: HashSet<Guid>,
+    /// A reader whose coherent sets wait for their parts in others.
+    pub(super) stages_groups: bool,
+    matched: HashMap<Guid, Box<RemoteEndpoint>>,
     pub(crate) statuses: Statuses,
     events: VecDeque<StatusEvent>,
     listener: Option<Masked<Listener>>,
@@ -91,7 +100,8 @@ impl Entity {
             topic: declaration.endpoint.topic.as_str().into(),
             type_name: declaration.endpoint.type_name.as_str().into(),
             declaration,
-            matched: HashSet::new(),
+            stages_groups: false,
+            matched: HashMap::new(),
             statuses: Statuses::default(),
             events: VecDeque::new(),
             listener: None,
@@ -110,8 +120,13 @@ impl Entity {
     }
 
     /// Remote endpoints that are matched now.
-    pub(crate) fn matched(&self) -> &HashSet<Guid> {
-        &self.matched
+    pub(crate) fn matched(&self) -> impl ExactSizeIterator<Item = Guid> + '_ {
+        self.matched.keys().copied()
+    }
+
+    /// What is known of one of them.
+    pub(crate) fn matched_endpoint(&self, remote: Guid) -> Option<&RemoteEndpoint> {
+        self.matched.get(&remote).map(Box::as_ref)
     }
 
     /// Events since the last call that no listener was told.
@@ -153,6 +168,11 @@ impl Entity {
         }
     }
 
+    /// Forgets a task that no longer waits.
+    pub(super) fn wake_no_more(&mut self, waker: &Waker) {
+        self.wakers.retain(|known| !known.will_wake(waker));
+    }
+
     pub(super) fn wake(&mut self, audience: &mut Audience) {
         audience
             .notices
@@ -172,15 +192,16 @@ impl Entity {
     }
 
     /// A match, new or changed.
-    pub(super) fn add_match(&mut self, remote: Guid, audience: &mut Audience) {
-        if self.matched.insert(remote) {
-            self.report(self.matched_event(remote, 1), audience);
+    pub(super) fn add_match(&mut self, remote: Box<RemoteEndpoint>, audience: &mut Audience) {
+        let guid = remote.guid;
+        if self.matched.insert(guid, remote).is_none() {
+            self.report(self.matched_event(guid, 1), audience);
         }
     }
 
     /// The end of a match.
     pub(super) fn remove_match(&mut self, remote: Guid, audience: &mut Audience) {
-        if self.matched.remove(&remote) {
+        if self.matched.remove(&remote).is_some() {
             self.report(self.matched_event(remote, -1), audience);
         }
     }
@@ -265,6 +286,7 @@ mod tests {
             topic: "Square".to_owned(),
             type_name: "ShapeType".to_owned(),
             type_information: Vec::new(),
+            type_objects: Vec::new(),
             content_filter: None,
             qos: Qos::default(),
         };
@@ -273,6 +295,7 @@ mod tests {
             group,
             inherits: Inherits::default(),
             is_enabled: true,
+            make_filter: None,
         };
         Entity::new(guid, declaration)
     }
@@ -284,11 +307,27 @@ mod tests {
     #[test]
     fn a_match_counts_once() {
         let (mut entity, mut audience) = (writer(None), Audience::default());
-        let remote = guid(7, EntityKind::ReaderNoKey);
+        let remote = Box::new(RemoteEndpoint {
+            guid: guid(7, EntityKind::ReaderNoKey),
+            unicast: Vec::new(),
+            addresses: Vec::new(),
+            multicast: Vec::new(),
+            expects_inline_qos: false,
+            qos: Qos::default(),
+            topic: "Square".to_owned(),
+            type_name: "ShapeType".to_owned(),
+            type_information: Vec::new(),
+            content_filter: None,
+        });
+        let guid = remote.guid;
+        entity.add_match(remote.clone(), &mut audience);
         entity.add_match(remote, &mut audience);
-        entity.add_match(remote, &mut audience);
-        entity.remove_match(remote, &mut audience);
-        entity.remove_match(remote, &mut audience);
+        assert_eq!(
+            entity.matched_endpoint(guid).map(|remote| remote.guid),
+            Some(guid)
+        );
+        entity.remove_match(guid, &mut audience);
+        entity.remove_match(guid, &mut audience);
         let changes: Vec<_> = entity
             .take_events()
             .into_iter()

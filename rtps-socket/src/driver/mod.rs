@@ -14,9 +14,11 @@
 mod audience;
 mod background;
 mod batching;
+mod browser;
 mod core;
 mod entity;
 mod external;
+mod group_sets;
 mod news;
 mod outgoing;
 mod seat;
@@ -34,8 +36,9 @@ use nix::sys::timerfd::{ClockId, TimerFd, TimerFlags};
 
 pub(crate) use self::audience::{EntityListener, GroupId, Listener};
 pub(crate) use self::batching::{Patience, PatienceCell};
+pub(crate) use self::browser::Browser;
 pub(crate) use self::core::Core;
-pub(crate) use self::entity::{Declaration, Inherits};
+pub(crate) use self::entity::{Declaration, Inherits, MakeFilter};
 pub(crate) use self::wait::Limit;
 
 use self::entity::Notice;

@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use rtps_user::RemoteEndpoint;
 use rtps_user::endpoints::EndpointEvent;
 use rtps_user::layer::protocol::FromLayer;
 use rtps_user::qos::PolicyId;
@@ -17,12 +18,12 @@ impl Core {
         match message {
             FromLayer::Matched { local, remote } => {
                 self.endpoints.match_remote(now, local, &remote);
-                self.on_entity(local, |entity, audience| {
-                    entity.add_match(remote.guid, audience)
-                });
+                self.apply_filter(local, &remote);
+                self.on_entity(local, |entity, audience| entity.add_match(remote, audience));
             }
             FromLayer::Unmatched { local, remote } => {
                 self.endpoints.unmatch(now, local, remote);
+                self.review_group(local);
                 self.on_entity(local, |entity, audience| {
                     entity.remove_match(remote, audience)
                 });
@@ -47,6 +48,7 @@ impl Core {
                 tracing::error!("the layer refuses: {reason}");
                 self.report_all(&StatusEvent::Refused { reason });
             }
+            FromLayer::Discovered(news) => self.handle_discovered(now, news),
             // These are for the link.
             FromLayer::Welcome(_)
             | FromLayer::FanOut { .. }
@@ -55,11 +57,23 @@ impl Core {
         }
     }
 
+    /// Has a writer not send what a reader does not want, as far as that is understood.
+    fn apply_filter(&mut self, local: EntityId, remote: &RemoteEndpoint) {
+        let entity = self.entities.get(&local);
+        let Some(make_filter) = entity.and_then(|entity| entity.declaration.make_filter) else {
+            return;
+        };
+        let filter = remote.content_filter.as_ref().and_then(make_filter);
+        if let Some(writer) = self.endpoints.writer_mut(local) {
+            writer.set_reader_filter(remote.guid, filter);
+        }
+    }
+
     /// Ends all matches, which nobody would end any more, and says so.
     pub(super) fn lose_layer(&mut self, now: Instant) {
         self.is_lost = true;
         for (id, entity) in &mut self.entities {
-            let matched: Vec<_> = entity.matched().iter().copied().collect();
+            let matched: Vec<_> = entity.matched().collect();
             for remote in matched {
                 self.endpoints.unmatch(now, *id, remote);
                 entity.remove_match(remote, &mut self.audience);
@@ -80,6 +94,7 @@ impl Core {
         match event {
             EndpointEvent::DataAvailable(id) => {
                 self.batching.expect_answer();
+                self.review_group(id);
                 self.on_entity(id, |entity, audience| entity.data_available(audience));
             }
             EndpointEvent::Acknowledged(id) => {

@@ -103,6 +103,14 @@ impl Shared {
         found
     }
 
+    /// Has all waiting threads look again for what they wait for.
+    pub(crate) fn nudge(&self) {
+        let mut core = self.lock();
+        core.seat.news = true;
+        signal(&self.interrupt);
+        self.release(core);
+    }
+
     /// Runs the protocol with what costs no system call to take in.
     pub(crate) fn poll<R>(&self, look: impl FnOnce(&mut Core, Instant) -> R) -> R {
         self.with(|core, now| {

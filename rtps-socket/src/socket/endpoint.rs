@@ -5,8 +5,10 @@ use std::time::{Duration, Instant};
 
 use rtps_user::wire::{EntityId, Guid};
 
+use super::condition::{Trigger, Watched};
 use super::group::Group;
 use super::template::check_endpoint;
+use crate::dcps::EndpointBuiltinTopicData;
 use crate::driver::{Driver, Inherits, Listener, Shared};
 use crate::error::{SetQosError, WaitError};
 use crate::qos::{changed_for_good, policies};
@@ -33,7 +35,7 @@ impl EndpointHandle {
         self.group.as_deref()
     }
 
-    pub(super) fn shared(&self) -> &Shared {
+    pub(super) fn shared(&self) -> &Arc<Shared> {
         self.driver.shared()
     }
 
@@ -48,9 +50,14 @@ impl EndpointHandle {
     pub(super) fn matched(&self) -> Vec<Guid> {
         self.shared().poll(|core, _| {
             let entity = core.entity(self.id());
-            entity.map_or_else(Vec::new, |entity| {
-                entity.matched().iter().copied().collect()
-            })
+            entity.map_or_else(Vec::new, |entity| entity.matched().collect())
+        })
+    }
+
+    pub(super) fn matched_endpoint(&self, remote: Guid) -> Option<EndpointBuiltinTopicData> {
+        self.shared().with(|core, _| {
+            let remote = core.entity(self.id())?.matched_endpoint(remote);
+            remote.map(EndpointBuiltinTopicData::from)
         })
     }
 
@@ -83,6 +90,10 @@ impl EndpointHandle {
             .shared()
             .with(|core, _| core.set_listener(self.id(), mask, Arc::clone(&listener)));
         waiting.into_iter().for_each(|event| listener(event));
+    }
+
+    pub(super) fn watch(&self, trigger: Trigger) -> Watched {
+        Watched::new(self.shared(), self.id(), trigger)
     }
 
     /// Asks for a status, after taking in what has arrived.

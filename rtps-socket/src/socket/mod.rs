@@ -1,8 +1,11 @@
 //! The expert API: writers and readers of payloads that are serialized already, and a descriptor for event loops.
 
 mod builder;
+mod condition;
 mod endpoint;
 mod group;
+mod group_order;
+mod loan;
 mod raw_reader;
 mod raw_writer;
 mod template;
@@ -16,14 +19,17 @@ use rtps_user::wire::{EntityKind, Guid};
 use rtps_user::writer::{WriterConfig, WriterTiming};
 
 pub use builder::Builder;
+pub use loan::Loan;
+pub(crate) use raw_reader::FilterSetter;
 pub use raw_reader::{RawReader, RawSamples};
 pub use raw_writer::{RawChange, RawWriter};
 
+pub(crate) use self::condition::{Trigger, Watched};
 pub(crate) use self::group::Group;
 pub(crate) use self::template::Template;
 
 use self::endpoint::EndpointHandle;
-use crate::driver::{Core, Driver};
+use crate::driver::{Core, Driver, Shared};
 use crate::error::CreateError;
 use crate::link::LayerKind;
 use crate::qos::Qos;
@@ -128,10 +134,11 @@ impl RtpsSocket {
                 datagram_size: core.datagram_size(),
                 max_sample_size: ReaderConfig::MAX_SAMPLE_SIZE,
                 instance_of,
-                content_filter: None,
+                content_filter: template.payload_filter.clone(),
                 timing: ReaderTiming::default(),
             });
             core.declare(now, template.into_declaration(guid.entity));
+            core.stage_groups(guid.entity);
             Ok(guid)
         })?;
         let endpoint = EndpointHandle::new(&self.driver, guid, group);
@@ -148,6 +155,10 @@ impl RtpsSocket {
         self.driver
             .shared()
             .with(|core, _| core.set_entity_listener(None, mask, Arc::new(listener)));
+    }
+
+    pub(crate) fn shared(&self) -> &Shared {
+        self.driver.shared()
     }
 
     /// A publisher or subscriber.

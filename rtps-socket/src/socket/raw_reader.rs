@@ -7,12 +7,17 @@ use std::task::{Context, Poll};
 use std::time::Duration;
 
 use futures_core::Stream;
+use rtps_user::qos::ContentFilter;
 use rtps_user::reader::{InstanceOf, Reader, Sample, Selection};
-use rtps_user::wire::{Guid, KeyHash};
+use rtps_user::wire::{EntityId, Guid, KeyHash};
 
+use super::condition::{Trigger, Watched};
 use super::endpoint::EndpointHandle;
-use crate::driver::{Core, Limit};
-use crate::error::{SetQosError, WaitError};
+use super::template::check_endpoint;
+use crate::dcps::EndpointBuiltinTopicData;
+use crate::driver::{Core, Limit, Shared};
+use crate::error::{CreateError, SetQosError, WaitError};
+use crate::filter::PayloadFilter;
 use crate::qos::{Qos, policies};
 use crate::status::{
     DeadlineMissedStatus, IncompatibleQosStatus, InconsistentTopicStatus, LivelinessChangedStatus,
@@ -73,6 +78,32 @@ impl RawReader {
     ) -> Vec<Sample> {
         self.of_next_instance(previous, selection, |reader, of_instance| {
             reader.read(max, of_instance)
+        })
+    }
+
+    /// Takes up to `max` samples of a selection that pass a filter.
+    pub(crate) fn take_where(
+        &self,
+        max: usize,
+        selection: &Selection,
+        filter: &PayloadFilter,
+    ) -> Vec<Sample> {
+        self.endpoint.shared().poll(|core, _| {
+            let reader = core.endpoints.reader_mut(self.endpoint.id());
+            reader.map_or_else(Vec::new, |reader| reader.take_where(max, selection, filter))
+        })
+    }
+
+    /// Reads up to `max` samples of a selection that pass a filter.
+    pub(crate) fn read_where(
+        &self,
+        max: usize,
+        selection: &Selection,
+        filter: &PayloadFilter,
+    ) -> Vec<Sample> {
+        self.endpoint.shared().poll(|core, _| {
+            let reader = core.endpoints.reader_mut(self.endpoint.id());
+            reader.map_or_else(Vec::new, |reader| reader.read_where(max, selection, filter))
         })
     }
 
@@ -158,9 +189,7 @@ impl RawReader {
         if !core.endpoints.reader(id)?.has_data() {
             return None;
         }
-        core.endpoints
-            .reader_mut(id)?
-            .take_next(&Selection::default())
+        core.endpoints.take_next(id, &Selection::default())
     }
 
     /// Its name.
@@ -173,12 +202,34 @@ impl RawReader {
         self.endpoint.matched()
     }
 
+    /// What is known of a writer that it is matched with.
+    pub fn matched_publication_data(&self, writer: Guid) -> Option<EndpointBuiltinTopicData> {
+        self.endpoint.matched_endpoint(writer)
+    }
+
     /// Waits until at least `count` writers are matched.
     ///
     /// # Errors
     /// When there are fewer after `timeout`.
     pub fn wait_for_matched(&self, count: usize, timeout: Duration) -> Result<(), WaitError> {
         self.endpoint.wait_for_matched(count, timeout)
+    }
+
+    /// Waits until everything has come that writers matched now keep for readers that come late.
+    ///
+    /// # Errors
+    /// When it has not before `timeout`.
+    pub fn wait_for_historical_data(&self, timeout: Duration) -> Result<(), WaitError> {
+        let complete = self.endpoint.shared().wait_until(timeout, |core, _| {
+            if core.is_lost() {
+                return Some(Err(WaitError::LayerLost));
+            }
+            let reader = core.endpoints.reader(self.endpoint.id());
+            reader
+                .is_none_or(|reader| reader.is_history_complete())
+                .then_some(Ok(()))
+        });
+        complete.unwrap_or(Err(WaitError::HistoryIncomplete))
     }
 
     /// Its policies, with those of its subscriber.
@@ -219,6 +270,11 @@ impl RawReader {
         listener: impl Fn(StatusEvent) + Send + Sync + 'static,
     ) {
         self.endpoint.set_listener(mask, Arc::new(listener));
+    }
+
+    /// A condition of the reader.
+    pub(crate) fn watch(&self, trigger: Trigger) -> Watched {
+        self.endpoint.watch(trigger)
     }
 
     /// The statuses that have changed since they were last asked for.
@@ -264,12 +320,52 @@ impl RawReader {
         self.endpoint.status(Statuses::inconsistent)
     }
 
+    /// What the reader's content filter is changed with.
+    pub(crate) fn filter_setter(&self) -> FilterSetter {
+        FilterSetter {
+            shared: Arc::clone(self.endpoint.shared()),
+            reader: self.endpoint.id(),
+        }
+    }
+
     /// Reports what the typed API finds out.
     pub(crate) fn report(&self, event: StatusEvent) {
         let id = self.endpoint.id();
         self.endpoint
             .shared()
             .with(|core, _| core.report(id, event));
+    }
+}
+
+/// Changes the content filter of a reader that is there.
+pub(crate) struct FilterSetter {
+    shared: Arc<Shared>,
+    reader: EntityId,
+}
+
+impl FilterSetter {
+    /// Has writers and the reader itself heed another filter.
+    ///
+    /// # Errors
+    /// When it is too large to be announced; all stays as it was then.
+    pub(crate) fn set(
+        &self,
+        announced: ContentFilter,
+        payloads: PayloadFilter,
+    ) -> Result<(), CreateError> {
+        self.shared.with(|core, now| {
+            let Some(entity) = core.entity(self.reader) else {
+                return Ok(());
+            };
+            let mut endpoint = entity.declaration().endpoint.clone();
+            endpoint.content_filter = Some(announced.clone());
+            check_endpoint(endpoint)?;
+            if let Some(reader) = core.endpoints.reader_mut(self.reader) {
+                reader.set_content_filter(Some(payloads));
+            }
+            core.change_filter(now, self.reader, announced);
+            Ok(())
+        })
     }
 }
 

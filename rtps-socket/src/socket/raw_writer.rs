@@ -11,7 +11,10 @@ use rtps_user::wire::{Guid, KeyHash, SequenceNumber, Timestamp};
 use rtps_user::writer;
 
 use super::Group;
+use super::condition::{Trigger, Watched};
 use super::endpoint::{EndpointHandle, deadline};
+use super::loan::{Loan, Pool};
+use crate::dcps::EndpointBuiltinTopicData;
 use crate::driver::{Core, Patience, PatienceCell};
 use crate::error::{SetQosError, WaitError, WriteError};
 use crate::status::{
@@ -41,6 +44,7 @@ pub struct RawWriter {
     max_blocking_time: Option<Duration>,
     patience: PatienceCell,
     is_enabled: AtomicBool,
+    loans: Arc<Pool>,
 }
 
 impl RawWriter {
@@ -54,6 +58,7 @@ impl RawWriter {
             max_blocking_time,
             patience: PatienceCell::new(qos),
             is_enabled: AtomicBool::new(is_enabled),
+            loans: Arc::default(),
         }
     }
 
@@ -66,6 +71,25 @@ impl RawWriter {
             kind: ChangeKind::Alive,
             instance: KeyHash::default(),
             payload: payload.into(),
+            timestamp: None,
+        })
+    }
+
+    /// Lends a buffer for a payload of `len` bytes, its encapsulation header among them.
+    pub fn loan(&self, len: usize) -> Loan {
+        self.loans.lend(len)
+    }
+
+    /// Sends what was written into a loan, without copying it into the history: of the instance with this key hash,
+    /// zeros where the topic has no key.
+    ///
+    /// # Errors
+    /// As [`send_change`](Self::send_change).
+    pub fn send_loaned(&self, loan: Loan, instance: KeyHash) -> Result<SequenceNumber, WriteError> {
+        self.send_change(RawChange {
+            kind: ChangeKind::Alive,
+            instance,
+            payload: loan.into_payload(),
             timestamp: None,
         })
     }
@@ -141,6 +165,29 @@ impl RawWriter {
         })
     }
 
+    /// Registers an instance before its first sample, which takes its place within max_instances.
+    ///
+    /// # Errors
+    /// When there is no place.
+    pub fn register_instance(&self, instance: KeyHash) -> Result<(), WriteError> {
+        let registered = self.endpoint.shared().with(|core, now| {
+            let writer = core.endpoints.writer_mut(self.endpoint.id());
+            writer.map(|writer| writer.register_instance(now, instance))
+        });
+        registered
+            .ok_or(WriteError::Closed)?
+            .map_err(WriteError::Refused)
+    }
+
+    /// Whether an instance is registered, by [`register_instance`](Self::register_instance) or by being written. Without
+    /// max_instances and DEADLINE no book is kept, and only instances in the history are.
+    pub fn is_registered(&self, instance: KeyHash) -> bool {
+        self.endpoint.shared().with(|core, _| {
+            let writer = core.endpoints.writer(self.endpoint.id());
+            writer.is_some_and(|writer| writer.is_registered(instance))
+        })
+    }
+
     /// Its name.
     pub fn guid(&self) -> Guid {
         self.endpoint.guid()
@@ -149,6 +196,11 @@ impl RawWriter {
     /// The readers that it is matched with.
     pub fn matched(&self) -> Vec<Guid> {
         self.endpoint.matched()
+    }
+
+    /// What is known of a reader that it is matched with.
+    pub fn matched_subscription_data(&self, reader: Guid) -> Option<EndpointBuiltinTopicData> {
+        self.endpoint.matched_endpoint(reader)
     }
 
     /// Waits until at least `count` readers are matched.
@@ -231,6 +283,11 @@ impl RawWriter {
         listener: impl Fn(StatusEvent) + Send + Sync + 'static,
     ) {
         self.endpoint.set_listener(mask, Arc::new(listener));
+    }
+
+    /// A condition of the writer.
+    pub(crate) fn watch(&self, trigger: Trigger) -> Watched {
+        self.endpoint.watch(trigger)
     }
 
     /// The statuses that have changed since they were last asked for.

@@ -5,22 +5,32 @@ use std::sync::Arc;
 use rtps_user::layer::protocol::{Endpoint, MAX_PROTOCOL_MESSAGE, ToLayer};
 use rtps_user::qos::{ContentFilter, DataRepresentation, History};
 use rtps_user::wire::{EntityId, EntityKind};
+use rtps_user::xtypes::TypeSupport;
 
 use super::Group;
-use crate::driver::{Declaration, Inherits};
+use crate::cdr::DdsType;
+use crate::driver::{Declaration, Inherits, MakeFilter};
 use crate::error::CreateError;
+use crate::filter::PayloadFilter;
 use crate::link::encode;
 use crate::qos::policies;
+
+/// Bytes of the largest description of a type, so that there is room for the policies beside it.
+const MAX_TYPE: usize = MAX_PROTOCOL_MESSAGE / 4;
 
 /// See the module.
 #[derive(Clone)]
 pub(crate) struct Template {
     pub(crate) topic: String,
     pub(crate) type_name: String,
-    /// TypeInformation, serialized; may be empty.
-    pub(crate) type_information: Vec<u8>,
+    /// What others are told of the type; may be nothing.
+    pub(crate) types: TypeSupport,
     /// What a reader wants of its topic, if not all.
     pub(crate) content_filter: Option<ContentFilter>,
+    /// The same, for the reader itself.
+    pub(crate) payload_filter: Option<PayloadFilter>,
+    /// How a writer understands what remote readers want.
+    pub(crate) make_filter: Option<MakeFilter>,
     pub(crate) qos: policies::Qos,
     /// The publisher or subscriber, if that is not its own.
     pub(crate) group: Option<Arc<Group>>,
@@ -35,12 +45,27 @@ impl Template {
         Self {
             topic: topic.to_owned(),
             type_name: type_name.to_owned(),
-            type_information: Vec::new(),
+            types: TypeSupport::default(),
             content_filter: None,
+            payload_filter: None,
+            make_filter: None,
             qos,
             group: None,
             inherits: Inherits::default(),
             is_enabled: true,
+        }
+    }
+
+    /// Says what the type is, unless that takes too much for the layer to be told.
+    pub(crate) fn describe<T: DdsType>(&mut self) {
+        let types = T::type_support();
+        if types.information.len() + types.objects.len() <= MAX_TYPE {
+            self.types = types;
+        } else {
+            tracing::warn!(
+                "type {} is too large to be described: others know its name alone",
+                T::TYPE_NAME
+            );
         }
     }
 
@@ -62,6 +87,7 @@ impl Template {
             group: self.group.map(|group| group.id()),
             inherits: self.inherits,
             is_enabled: self.is_enabled,
+            make_filter: self.make_filter,
         }
     }
 
@@ -70,7 +96,8 @@ impl Template {
             entity,
             topic: self.topic.clone(),
             type_name: self.type_name.clone(),
-            type_information: self.type_information.clone(),
+            type_information: self.types.information.clone(),
+            type_objects: self.types.objects.clone(),
             content_filter: self.content_filter.clone(),
             qos: self.qos.clone(),
         }

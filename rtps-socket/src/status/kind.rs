@@ -65,6 +65,14 @@ impl StatusMask {
         self.0 & other.0 != 0
     }
 
+    pub(crate) fn bits(self) -> u32 {
+        self.0
+    }
+
+    pub(crate) fn from_bits(bits: u32) -> Self {
+        Self(bits)
+    }
+
     pub(crate) fn insert(&mut self, kind: StatusKind) {
         self.0 |= kind as u32;
     }

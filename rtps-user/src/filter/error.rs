@@ -7,8 +7,8 @@ use super::{MAX_DEPTH, MAX_LEN, MAX_PATH, MAX_PATTERN, MAX_PREDICATES};
 /// Why a text is no expression. Positions count bytes from 0.
 #[derive(Clone, Debug, Eq, Error, PartialEq)]
 pub enum ParseError {
-    /// The expression or a parameter is longer than [`MAX_LEN`].
-    #[error("an expression and each of its parameters have at most {MAX_LEN} bytes")]
+    /// The expression and its parameters are longer than [`MAX_LEN`].
+    #[error("an expression and its parameters have at most {MAX_LEN} bytes together")]
     TooLong,
     /// Parentheses nest deeper than [`MAX_DEPTH`].
     #[error("parentheses nest at most {MAX_DEPTH} deep")]

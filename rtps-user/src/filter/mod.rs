@@ -32,8 +32,8 @@ use crate::wire::PayloadKind;
 /// what it cannot decode it lets pass.
 pub type PayloadFilter = Arc<dyn Fn(PayloadKind, &[u8]) -> bool + Send + Sync>;
 
-/// Bytes of the longest expression or parameter.
-pub const MAX_LEN: usize = 4096;
+/// Bytes of the longest expression with its parameters.
+pub const MAX_LEN: usize = 8192;
 
 /// How deep parentheses may nest.
 pub const MAX_DEPTH: usize = 32;

@@ -11,8 +11,8 @@ use super::{MAX_DEPTH, MAX_LEN, MAX_PREDICATES, ParseError};
 
 /// Parses a condition; `None` for a text that is empty.
 pub(super) fn parse(text: &str, parameters: &[String]) -> Result<Option<Condition>, ParseError> {
-    let is_short = |text: &str| text.len() <= MAX_LEN;
-    if !is_short(text) || !parameters.iter().all(|parameter| is_short(parameter)) {
+    let of_parameters: usize = parameters.iter().map(String::len).sum();
+    if text.len() + of_parameters > MAX_LEN {
         return Err(ParseError::TooLong);
     }
     if text.trim().is_empty() {

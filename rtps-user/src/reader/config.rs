@@ -5,16 +5,13 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::CountClock;
+use crate::filter::PayloadFilter;
 use crate::qos::Qos;
 use crate::wire::{Guid, KeyHash, PayloadKind};
 
 /// Computes the instance that a serialized payload is about, for writers that send no key hash; `None` where the
 /// payload is malformed. The payload begins with its encapsulation header.
 pub type InstanceOf = Arc<dyn Fn(PayloadKind, &[u8]) -> Option<KeyHash> + Send + Sync>;
-
-/// Whether a serialized payload, beginning with its encapsulation header, is of interest: a whole sample, or the key of an
-/// instance that ends. What cannot be judged by its key is.
-pub type PayloadFilter = Arc<dyn Fn(PayloadKind, &[u8]) -> bool + Send + Sync>;
 
 /// What a [`Reader`](super::Reader) is created with.
 #[derive(Clone)]

@@ -11,6 +11,7 @@ use super::Reader;
 use super::cache::Cache;
 use super::change::Change;
 use super::events::Events;
+use crate::qos::PresentationScope;
 use crate::wire::{GroupDigest, GuidPrefix, SequenceNumber};
 
 /// Parts of sets that wait to be released; when there are more, the oldest wait no longer.
@@ -44,12 +45,15 @@ impl StagedSet {
 pub(super) type Groups = VecDeque<StagedSet>;
 
 impl Reader {
-    /// Has sets of GROUP scope wait until they are released. Without that each reader shows its part by itself.
-    pub fn stage_groups(&mut self) {
+    /// Has sets of GROUP scope wait until they are released; false where PRESENTATION asks for no such sets. Without that
+    /// each reader shows its part by itself.
+    pub fn stage_groups(&mut self) -> bool {
         let presentation = self.config.qos.presentation;
-        if presentation.coherent && presentation.scope == crate::qos::PresentationScope::Group {
+        let has_groups = presentation.coherent && presentation.scope == PresentationScope::Group;
+        if has_groups {
             self.cache.groups.get_or_insert_default();
         }
+        has_groups
     }
 
     /// The sets that parts are staged of, in the order in which they ended; one may be named several times.
@@ -57,13 +61,14 @@ impl Reader {
         self.cache.groups.iter().flatten().map(|set| set.id)
     }
 
-    /// Whether a writer of the publisher is matched that has yet to end its part.
+    /// Whether a writer of the publisher is matched that has yet to end its part, or that has not been heard so far and
+    /// may be one of them.
     pub fn awaits_group(&self, set: &GroupSet) -> bool {
         self.proxies
             .keys()
             .filter(|writer| writer.prefix == set.participant)
-            .filter_map(|writer| self.proxies.get(writer)?.sets.as_ref())
-            .any(|sets| sets.awaits(set))
+            .filter_map(|writer| self.proxies.get(writer))
+            .any(|proxy| proxy.awaits(set))
     }
 
     /// Makes the parts of a set visible.

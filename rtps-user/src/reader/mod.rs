@@ -23,6 +23,7 @@ mod instance;
 mod lifecycle;
 mod liveliness;
 mod ownership;
+mod query;
 mod ranges;
 mod reassembly;
 mod repair_time;
@@ -37,7 +38,7 @@ mod timers;
 mod walk;
 mod writer_proxy;
 
-pub use config::{InstanceOf, PayloadFilter, ReaderConfig, ReaderTiming};
+pub use config::{InstanceOf, ReaderConfig, ReaderTiming};
 pub use event::{ReaderEvent, RejectedReason};
 pub use groups::GroupSet;
 pub use sample::{
@@ -47,6 +48,7 @@ pub use sample::{
 use std::collections::BTreeSet;
 use std::time::Instant;
 
+use crate::filter::PayloadFilter;
 use crate::qos::Qos;
 use crate::table::Table;
 use crate::wire::{
@@ -167,6 +169,11 @@ impl Reader {
         self.proxies.get(writer).is_some()
     }
 
+    /// Whether samples wait for room, which taking others makes.
+    pub fn is_blocked(&self) -> bool {
+        !self.blocked.is_empty()
+    }
+
     /// The matched writers, in no particular order.
     pub fn matched_writers(&self) -> impl Iterator<Item = Guid> + '_ {
         self.proxies.keys()
@@ -192,7 +199,7 @@ impl Reader {
             sequence: data.sequence,
             timestamp,
             reception: now,
-            inline_qos: data.inline_qos,
+            inline_qos: &data.inline_qos,
             kind: data.kind,
         };
         self.receive(place, &arrival, Payload::Borrowed(data.payload), None);
@@ -232,7 +239,7 @@ impl Reader {
             sequence: data.sequence,
             timestamp: assembled.timestamp,
             reception: now,
-            inline_qos: assembled.inline_qos,
+            inline_qos: &assembled.inline_qos,
             kind: assembled.kind,
         };
         let payload = Payload::Owned(assembled.payload);
@@ -429,7 +436,7 @@ impl Reader {
     fn receive(
         &mut self,
         place: u32,
-        arrival: &Arrival,
+        arrival: &Arrival<'_>,
         payload: Payload<'_>,
         asked: Option<Instant>,
     ) {

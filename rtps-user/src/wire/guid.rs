@@ -75,6 +75,15 @@ impl EntityId {
     /// BuiltinParticipantMessageReader.
     pub const PARTICIPANT_MESSAGE_READER: Self = Self([0, 2, 0, 0xc7]);
 
+    /// TypeLookupServiceRequestDataWriter.
+    pub const TYPE_LOOKUP_REQUEST_WRITER: Self = Self([0, 3, 0, 0xc3]);
+    /// TypeLookupServiceRequestDataReader.
+    pub const TYPE_LOOKUP_REQUEST_READER: Self = Self([0, 3, 0, 0xc4]);
+    /// TypeLookupServiceReplyDataWriter.
+    pub const TYPE_LOOKUP_REPLY_WRITER: Self = Self([0, 3, 1, 0xc3]);
+    /// TypeLookupServiceReplyDataReader.
+    pub const TYPE_LOOKUP_REPLY_READER: Self = Self([0, 3, 1, 0xc4]);
+
     /// The `serial`-th entity of the app in `slot`.
     pub fn of_app(slot: u8, serial: u16, kind: EntityKind) -> Self {
         let [high, low] = serial.to_be_bytes();

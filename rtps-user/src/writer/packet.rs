@@ -26,6 +26,8 @@ const INLINE_QOS_LEN: usize = KEY_HASH_LEN + STATUS_INFO_LEN + SENTINEL_LEN;
 const DATA_LEN: usize = 4 + 20;
 /// Everything of a DATA_FRAG but inline QoS and payload.
 const DATA_FRAG_LEN: usize = 4 + 32;
+/// By how many bytes datagrams are larger than the fragments that they carry, of a writer without coherent sets.
+pub const FRAGMENT_OVERHEAD: usize = Layout::before_payload(DATA_FRAG_LEN + INLINE_QOS_LEN);
 
 /// How a writer's changes are laid out in datagrams; the same for all readers, because fragments must be.
 #[derive(Clone, Debug)]

@@ -13,6 +13,7 @@ mod instances;
 mod marathon;
 mod network;
 mod operations;
+mod policies;
 mod random;
 mod reliability;
 mod sample;

@@ -13,6 +13,7 @@ struct Everything {
     place: Place,
     fill: Fill,
     r#type: u8,
+    #[dds(name = "little")]
     small: i16,
     large: u64,
     ratio: f32,
@@ -21,7 +22,7 @@ struct Everything {
     note: Option<String>,
     legs: Vec<Place>,
     grid: [[i32; 2]; 2],
-    next: Option<Box<Everything>>,
+    next: Option<Box<Self>>,
     shape: Shape,
     #[dds(non_serialized)]
     local: i32,
@@ -38,6 +39,7 @@ struct Place {
 #[derive(DdsType, Clone, Copy, Debug, PartialEq)]
 #[dds(bit_bound = 8)]
 enum Fill {
+    #[dds(name = "EMPTY")]
     Empty = -1,
     Solid = 3,
 }
@@ -45,7 +47,7 @@ enum Fill {
 #[derive(DdsType, Clone, Debug, PartialEq)]
 enum Shape {
     Round(f64),
-    #[dds(case = 7, case = 8)]
+    #[dds(case = 7, case = 8, name = "named")]
     Named(Place),
     #[dds(default)]
     Other,
@@ -73,6 +75,34 @@ fn everything() -> Everything {
     }
 }
 
+#[derive(DdsType, Clone, Debug, PartialEq)]
+#[dds(discriminator = "Fill")]
+enum Filled {
+    #[dds(case = Fill::Empty)]
+    Nothing,
+    #[dds(case = Fill::Solid)]
+    Color(String),
+}
+
+#[derive(DdsType, Clone, Debug, PartialEq)]
+#[dds(discriminator = "char")]
+enum Lettered {
+    #[dds(case = 'x')]
+    X(i32),
+}
+
+#[test]
+fn discriminators_have_the_values_of_their_type() {
+    let color = Filled::Color("BLUE".into());
+    assert_eq!(color.field(&["discriminator"]), Some(Value::Int(3)));
+    assert_eq!(color.field(&["Color"]), Some(Value::Str("BLUE")));
+    assert_eq!(Filled::Nothing.field(&["_d"]), Some(Value::Int(-1)));
+    assert_eq!(Filled::Nothing.field(&["Color"]), None);
+    assert_eq!(Filled::type_at(&["_d"]), Fill::type_at(&[]));
+    assert_eq!(Lettered::X(1).field(&["_d"]), Some(Value::Char('x')));
+    assert_eq!(Lettered::X(1).field(&["X"]), Some(Value::Int(1)));
+}
+
 #[test]
 fn members_have_their_values() {
     let mut outer = everything();
@@ -83,7 +113,7 @@ fn members_have_their_values() {
         (&["place", "x"], Value::Int(1)),
         (&["fill"], Value::Int(-1)),
         (&["type"], Value::UInt(200)),
-        (&["small"], Value::Int(-2)),
+        (&["little"], Value::Int(-2)),
         (&["large"], Value::UInt(u64::MAX)),
         (&["ratio"], Value::Float(0.25)),
         (&["letter"], Value::Char('x')),
@@ -92,8 +122,8 @@ fn members_have_their_values() {
         (&["legs", "1", "x"], Value::Int(3)),
         (&["grid", "1", "0"], Value::Int(3)),
         (&["next", "name"], Value::Str("one")),
-        (&["shape", "_d"], Value::UInt(7)),
-        (&["shape", "Named", "y"], Value::Float(0.5)),
+        (&["shape", "_d"], Value::Int(7)),
+        (&["shape", "named", "y"], Value::Float(0.5)),
     ];
     for (path, value) in values {
         assert_eq!(outer.field(path), Some(value), "{path:?}");
@@ -124,7 +154,7 @@ fn what_is_not_there_has_no_value() {
 
 #[test]
 fn types_tell_of_members_that_are_absent_and_of_keys() {
-    let literals: &[(&str, i64)] = &[("Empty", -1), ("Solid", 3)];
+    let literals: &[(&str, i64)] = &[("EMPTY", -1), ("Solid", 3)];
     let types: [(&[&str], _, _); 8] = [
         (&["name"], Kind::String, true),
         (&["place", "x"], Kind::Integer, true),
@@ -174,8 +204,8 @@ mod filters {
             ("place.x > 1", false, false),
             // Not in the key, or not alone.
             ("place.y > 1", false, true),
-            ("name = 'two' AND small = 0", false, true),
-            ("fill = Empty AND shape.Named.x = 4", true, true),
+            ("name = 'two' AND little = 0", false, true),
+            ("fill = EMPTY AND shape.named.x = 4", true, true),
         ] {
             assert_eq!(passes(text, PayloadKind::Data, &data), of_data, "{text}");
             assert_eq!(passes(text, PayloadKind::Key, &key), of_key, "{text}");

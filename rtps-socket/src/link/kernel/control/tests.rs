@@ -91,6 +91,7 @@ fn declaration(serial: u16) -> ToLayer {
         topic: "T".to_owned(),
         type_name: "T".to_owned(),
         type_information: Vec::new(),
+        type_objects: Vec::new(),
         content_filter: None,
         qos: Qos::default(),
     }))
