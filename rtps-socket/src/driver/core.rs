@@ -155,6 +155,9 @@ impl Core {
 
     /// Removes an endpoint, which has sent everything by then.
     pub(crate) fn withdraw(&mut self, now: Instant, id: EntityId) {
+        if let Some(writer) = self.endpoints.writer_mut(id) {
+            writer.hurry();
+        }
         self.transmit(now);
         self.endpoints.remove(id);
         self.link.request(now, ToLayer::Withdraw(id));

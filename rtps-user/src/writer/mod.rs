@@ -8,6 +8,7 @@ mod coherent;
 mod config;
 mod count;
 mod directed;
+mod fragment_window;
 mod group;
 mod heartbeat;
 mod interest;
@@ -40,6 +41,7 @@ pub use packet::FRAGMENT_OVERHEAD;
 pub use publication::Publication;
 
 use coherent::CoherentSets;
+use fragment_window::FragmentWindow;
 use heartbeat::Heartbeats;
 use lifespan::Expiry;
 use live::Live;
@@ -74,6 +76,7 @@ pub struct Writer {
     /// What all reliable readers have acknowledged; `None` without any.
     lowest_acknowledged: Option<SequenceNumber>,
     window: Window,
+    fragment_window: FragmentWindow,
     /// Changes from here on count in the window; `None` without reliable readers.
     window_base: Option<SequenceNumber>,
     heartbeats: Heartbeats,
@@ -111,6 +114,7 @@ impl Writer {
             layout: Layout::new(config.guid, config.datagram_size, &config.qos),
             heartbeats: Heartbeats::new(config.timing.count_clock),
             window: Window::new(&config.timing),
+            fragment_window: FragmentWindow::new(),
             window_base: None,
             history: HistoryCache::default(),
             last: SequenceNumber::ZERO,
@@ -284,21 +288,29 @@ impl Writer {
 
     /// A reader says which fragments of a change it lacks.
     pub fn handle_nack_frag(&mut self, now: Instant, reader: Guid, nack: &NackFrag) {
-        if let Some(proxy) = self.readers.get_mut(&reader) {
-            let last = nack.missing.iter().last().unwrap_or_default();
-            let is_sent = self.live.has_sent(nack.sequence, last);
-            if is_sent && proxy.handle_nack_frag(now, nack, &self.config.timing) {
-                self.window
-                    .handle_loss(nack.sequence, self.live.untouched());
-                self.refill(reader);
-                self.enqueue(now, reader);
-            }
+        let Some(proxy) = self.readers.get_mut(&reader) else {
+            return;
+        };
+        let Some(last) = nack.missing.iter().last() else {
+            proxy.handle_progress(nack.sequence, nack.missing.base);
+            return self.advance_fragments(nack.sequence);
+        };
+        if !self.live.has_sent(nack.sequence, last) {
+            return self.go_on(nack.sequence);
+        }
+        if proxy.handle_nack_frag(now, nack, &self.config.timing) {
+            self.window
+                .handle_loss(nack.sequence, self.live.untouched());
+            self.refill(reader);
+            self.enqueue(now, reader);
         }
     }
 
     /// Does what is due.
     pub fn handle_timeout(&mut self, now: Instant) {
         self.enqueue_due(now);
+        let size = self.fragments_in_window();
+        self.fragment_window.expire(now, size);
         if self.heartbeats.expire(now) {
             self.remind_readers(now);
         }
@@ -316,6 +328,7 @@ impl Writer {
     pub fn poll_timeout(&self) -> Option<Instant> {
         let timers = [
             self.next_answer,
+            self.fragment_window.deadline(),
             self.heartbeats.deadline(),
             self.expiry.deadline(),
             self.registry
@@ -324,6 +337,11 @@ impl Writer {
             self.lease.deadline(),
         ];
         timers.into_iter().flatten().min()
+    }
+
+    /// All that is written is to be sent now, as there will be no time for it later.
+    pub fn hurry(&mut self) {
+        self.fragment_window.open();
     }
 
     /// Appends the next datagram to `out`, which stays as it is where there is none. To be called until it gives `None`.

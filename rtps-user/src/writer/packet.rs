@@ -57,7 +57,7 @@ impl Layout {
         Self {
             writer,
             datagram,
-            fragment: Self::fragment_size(datagram, inline_qos),
+            fragment: Self::room_for_fragment(datagram, inline_qos),
             inline_qos,
             heartbeat: HEARTBEAT_LEN + usize::from(is_group) * HEARTBEAT_GROUP_LEN,
             parameters: None,
@@ -73,7 +73,7 @@ impl Layout {
             return self;
         }
         Self {
-            fragment: Self::fragment_size(self.datagram, inline_qos),
+            fragment: Self::room_for_fragment(self.datagram, inline_qos),
             inline_qos,
             parameters: Some(parameters.into()),
             ..self
@@ -85,7 +85,7 @@ impl Layout {
         self.parameters.is_some()
     }
 
-    fn fragment_size(datagram: usize, inline_qos: usize) -> u16 {
+    fn room_for_fragment(datagram: usize, inline_qos: usize) -> u16 {
         let room = datagram - Self::before_payload(DATA_FRAG_LEN + inline_qos);
         (room - room % 4) as u16
     }
@@ -157,6 +157,11 @@ impl Layout {
             qos.key_hash = qos.key_hash.filter(|_| !membership.ends_set());
         }
         qos
+    }
+
+    /// Bytes of a sample in one DATA_FRAG, at least 1.
+    pub(super) fn fragment_size(&self) -> usize {
+        usize::from(self.fragment).max(1)
     }
 
     /// How many DATA_FRAGs that are.

@@ -54,6 +54,8 @@ pub(super) struct ReaderProxy {
     /// Of the last HEARTBEAT that went to it alone.
     pub(super) heartbeat_count: Count,
     answered_at: Option<Instant>,
+    /// The last change of which it told how far it has got, and the first fragment of that which it lacked.
+    progress: Option<(SequenceNumber, u32)>,
     /// Whether it stands in the writer's queue of readers to be sent something.
     pub(super) is_queued: bool,
     pub(super) interest: Interest,
@@ -84,6 +86,7 @@ impl ReaderProxy {
             next_heartbeat: now + timing.heartbeat_period,
             heartbeat_count: Count::default(),
             answered_at: None,
+            progress: None,
             is_queued: false,
             interest: Interest::of(remote),
             outbox: Outbox::default(),
@@ -195,6 +198,17 @@ impl ReaderProxy {
                 .request_fragments(now, nack.sequence, nack.missing, timing);
         }
         counts
+    }
+
+    /// It has the fragments of a change below `fragment`.
+    pub(super) fn handle_progress(&mut self, sequence: SequenceNumber, fragment: u32) {
+        self.progress = self.progress.max(Some((sequence, fragment)));
+    }
+
+    /// The first fragment of a change that it lacks; `None` where it does not tell such things.
+    pub(super) fn progress(&self, sequence: SequenceNumber) -> Option<u32> {
+        let (told, fragment) = self.progress?;
+        Some(if told == sequence { fragment } else { 1 })
     }
 
     /// Whether the reader is to be reminded of changes below `end`.

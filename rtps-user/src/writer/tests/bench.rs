@@ -118,6 +118,20 @@ impl Bench {
             .handle_nack_frag(self.now, reader_guid(number), &nack);
     }
 
+    /// A reader has all fragments of a change below that one.
+    pub(super) fn progress(&mut self, number: u8, sequence: i64, fragment: u32) {
+        self.count += 1;
+        let nack = NackFrag {
+            reader: reader_guid(number).entity,
+            writer: writer_guid().entity,
+            sequence: SequenceNumber(sequence),
+            missing: FragmentNumberSet::nothing(fragment),
+            count: self.count,
+        };
+        self.writer
+            .handle_nack_frag(self.now, reader_guid(number), &nack);
+    }
+
     pub(super) fn sent(&mut self) -> Vec<Sent> {
         self.sent_as(describe)
     }

@@ -3,6 +3,7 @@
 mod bench;
 mod coherent;
 mod flow;
+mod fragments;
 mod policies;
 mod selection;
 mod shared;
@@ -235,48 +236,6 @@ fn large_changes_are_fragments_and_a_heartbeat() {
     );
     bench.nack_frag(1, 7, &[1]);
     assert!(bench.lines().is_empty(), "never sent, never repeated");
-}
-
-#[test]
-fn fragments_are_announced_and_repeated_while_the_rest_is_being_sent() {
-    let mut bench = matched(reliable(Durability::Volatile));
-    bench.write(300 * DATAGRAM);
-    let mut out = Vec::new();
-    for _ in 0..128 {
-        assert!(bench.writer.poll_transmit(bench.now, &mut out).is_some());
-    }
-    out.clear();
-    bench.writer.poll_transmit(bench.now, &mut out);
-    let announced = MessageReceiver::new(GuidPrefix([2; 12]), &out)
-        .unwrap()
-        .next();
-    let Some(Ok(Received {
-        submessage: Submessage::HeartbeatFrag(heartbeat),
-        ..
-    })) = announced
-    else {
-        panic!("{announced:?}");
-    };
-    assert_eq!((heartbeat.sequence.0, heartbeat.last_fragment), (1, 128));
-    bench.nack_frag(1, 1, &[5, 128]);
-    bench.nack_frag(1, 1, &[129]);
-    let lines = bench.lines();
-    let repeated: Vec<_> = lines.iter().filter(|line| line.ends_with("to 1")).collect();
-    assert_eq!(
-        repeated[..2],
-        ["DATA_FRAG 1.5 to 1", "DATA_FRAG 1.128 to 1"]
-    );
-    assert!(
-        !lines.iter().any(|line| line == "DATA_FRAG 1.129 to 1"),
-        "not sent, not repeated"
-    );
-    assert_eq!(
-        lines
-            .iter()
-            .filter(|line| line.starts_with("HeartbeatFrag"))
-            .count(),
-        1
-    );
 }
 
 #[test]
