@@ -2,28 +2,27 @@
 
 #![no_main]
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use libfuzzer_sys::arbitrary::{self, Arbitrary};
 use libfuzzer_sys::fuzz_target;
 use rtps_fuzz::{
-    Message, Number, OURS, address, entities, remote, remote_guid, sequence, sequence_set, transmit,
+    MOST_SAMPLES, Message, Number, OURS, Policies, address, entities, remote, remote_guid,
+    sequence, sequence_set, transmit,
 };
 use rtps_user::endpoints::Endpoints;
-use rtps_user::qos::{Durability, History, Qos, Reliability, ResourceLimits};
+use rtps_user::filter::PayloadFilter;
 use rtps_user::reader::{ReaderConfig, Sample, Selection};
 use rtps_user::wire::{EntityId, EntityKind, Guid, SequenceNumber, SubmessageKind};
 
-const MOST_SAMPLES: u32 = 16;
 const FLAG_INLINE_QOS: u8 = 2;
 const FLAG_DATA: u8 = 4;
 
 #[derive(Arbitrary, Debug)]
 struct Scene {
-    depth: Option<u8>,
-    is_reliable: bool,
-    is_transient_local: bool,
+    policies: Policies,
     operations: Vec<Operation>,
 }
 
@@ -31,6 +30,7 @@ struct Scene {
 enum Operation {
     Match {
         writer: u8,
+        policies: Policies,
     },
     Unmatch {
         writer: u8,
@@ -42,6 +42,8 @@ enum Operation {
         status: u8,
         flags: u8,
         len: u8,
+        set: Set,
+        timestamp: Option<u8>,
     },
     DataFrag {
         writer: u8,
@@ -78,59 +80,102 @@ enum Operation {
     Read {
         max: u8,
     },
+    /// Each sample of one instance after the other.
+    Walk,
+    Freeze,
+    Thaw,
+    StageGroups,
+    ReleaseGroups,
+    /// The reader wants payloads of certain lengths only.
+    Filter {
+        divisor: Option<u8>,
+    },
     Wait {
         milliseconds: u16,
     },
+}
+
+/// Where a change belongs.
+#[derive(Arbitrary, Clone, Copy, Debug)]
+struct Set {
+    first: Option<Number>,
+    group_sequence: Option<Number>,
+    group_first: Option<Number>,
+    writers: Option<[u8; 4]>,
+    lifespan: Option<[u8; 8]>,
+}
+
+impl Set {
+    fn inline_qos(&self, list: &mut Vec<u8>) {
+        let numbers = [
+            (0x56, self.first),
+            (0x64, self.group_sequence),
+            (0x63, self.group_first),
+        ];
+        for (id, number) in numbers {
+            if let Some(number) = number {
+                list.extend([id, 0, 8, 0]);
+                list.extend(sequence(number.from(0)));
+            }
+        }
+        if let Some(writers) = self.writers {
+            list.extend([0x65, 0, 4, 0]);
+            list.extend(writers);
+        }
+        if let Some(lifespan) = self.lifespan {
+            list.extend([0x2b, 0, 8, 0]);
+            list.extend(lifespan);
+        }
+    }
 }
 
 struct Bench {
     endpoints: Endpoints,
     now: Instant,
     reader: EntityId,
-    qos: Qos,
-    /// The last sample of each writer that was taken since it was matched.
-    taken: BTreeMap<Guid, SequenceNumber>,
+    policies: Policies,
+    /// The samples of each writer that were taken since it was matched.
+    taken: BTreeMap<Guid, BTreeSet<SequenceNumber>>,
 }
 
 impl Bench {
     fn new(scene: &Scene) -> Self {
-        let qos = Qos {
-            reliability: match scene.is_reliable {
-                true => Reliability::RELIABLE,
-                false => Reliability::BestEffort,
-            },
-            durability: match scene.is_transient_local {
-                true => Durability::TransientLocal,
-                false => Durability::Volatile,
-            },
-            history: match scene.depth {
-                Some(depth) => History::KeepLast(u32::from(depth % 8) + 1),
-                None => History::KeepAll,
-            },
-            resource_limits: ResourceLimits {
-                max_samples: Some(MOST_SAMPLES),
-                ..ResourceLimits::default()
-            },
-            ..Qos::default()
-        };
         let reader = EntityId::of_app(1, 1, EntityKind::ReaderWithKey);
         let mut endpoints = Endpoints::new(OURS);
-        endpoints.add_reader(ReaderConfig::new(Guid::new(OURS, reader), qos.clone()));
+        let qos = scene.policies.qos();
+        endpoints.add_reader(ReaderConfig::new(Guid::new(OURS, reader), qos));
         let now = Instant::now();
         let taken = BTreeMap::new();
         Self {
             endpoints,
             now,
             reader,
-            qos,
+            policies: scene.policies,
             taken,
         }
     }
 
     fn step(&mut self, operation: &Operation) {
         match *operation {
-            Operation::Match { writer } => self.rematch(writer, true),
-            Operation::Unmatch { writer } => self.rematch(writer, false),
+            Operation::Match { writer, policies } => self.rematch(writer, Some(policies)),
+            Operation::Unmatch { writer } => self.rematch(writer, None),
+            Operation::Walk => self.walk(),
+            Operation::Freeze => self.reader().freeze(),
+            Operation::Thaw => self.reader().thaw(),
+            Operation::StageGroups => {
+                self.reader().stage_groups();
+            }
+            Operation::ReleaseGroups => {
+                let groups: Vec<_> = self.reader().staged_groups().collect();
+                let reader = self.reader();
+                groups.iter().for_each(|set| reader.release_group(set));
+            }
+            Operation::Filter { divisor } => {
+                let filter = divisor.map(|divisor| -> PayloadFilter {
+                    Arc::new(move |_, payload| payload.len() % (usize::from(divisor) + 1) == 0)
+                });
+                self.reader().set_content_filter(filter);
+            }
             Operation::Take { max } => self.take(max.into()),
             Operation::Read { max } => {
                 self.reader().read(max.into(), &Selection::not_read());
@@ -147,25 +192,47 @@ impl Bench {
         self.endpoints.reader_mut(self.reader).expect("the reader")
     }
 
-    fn rematch(&mut self, writer: u8, is_matched: bool) {
+    fn rematch(&mut self, writer: u8, policies: Option<Policies>) {
         let (guid, number) = writer_of(writer);
         self.endpoints.unmatch(self.now, self.reader, guid);
+        self.reader().thaw();
+        self.step(&Operation::ReleaseGroups);
         self.take(usize::MAX);
         self.taken.remove(&guid);
-        if is_matched {
-            let remote = remote(guid, number, self.qos.clone());
+        if let Some(policies) = policies {
+            let remote = remote(guid, number, policies.qos());
             self.endpoints.match_remote(self.now, self.reader, &remote);
         }
     }
 
-    /// What is taken is in the order of its writer, and never twice.
+    /// What is taken is in the order of its writer, unless policies say otherwise, and never twice.
     fn take(&mut self, max: usize) {
         for Sample { info, .. } in self.reader().take(max, &Selection::default()) {
             if !info.valid_data {
                 continue;
             }
-            let before = self.taken.insert(info.writer, info.sequence);
-            assert!(before.is_none_or(|before| before < info.sequence));
+            let taken = self.taken.entry(info.writer).or_default();
+            if self.policies.keeps_order() {
+                assert!(taken.last().is_none_or(|last| *last < info.sequence));
+            }
+            assert!(taken.insert(info.sequence), "twice");
+        }
+    }
+
+    /// No instance comes twice, however many there are.
+    fn walk(&mut self) {
+        let mut previous = None;
+        while let Some(instance) = self
+            .reader()
+            .next_instance(previous, &Selection::not_read())
+        {
+            assert!(previous < Some(instance));
+            let selection = Selection {
+                instance: Some(instance),
+                ..Selection::not_read()
+            };
+            assert!(!self.reader().read(usize::MAX, &selection).is_empty());
+            previous = Some(instance);
         }
     }
 
@@ -177,7 +244,8 @@ impl Bench {
         let _ = self
             .endpoints
             .handle_datagram(self.now, address(number), message.bytes());
-        assert!(self.reader().len() <= MOST_SAMPLES as usize * 2);
+        let is_limited = self.policies.is_limited();
+        assert!(!is_limited || self.reader().len() <= MOST_SAMPLES as usize * 2);
     }
 
     fn message(&self, operation: &Operation) -> Option<(u8, Message)> {
@@ -189,11 +257,13 @@ impl Bench {
                 status,
                 flags,
                 len,
+                set,
+                timestamp: _,
             } => {
                 let mut body = vec![0, 0, 16, 0];
                 body.extend(self.address(writer));
                 body.extend(sequence(number.from(0)));
-                body.extend(inline_qos(instance, status));
+                body.extend(inline_qos(instance, status, Some(set)));
                 body.extend([0, 1, 0, 0]);
                 body.extend(vec![0; len.into()]);
                 (
@@ -219,7 +289,7 @@ impl Bench {
                 body.extend(count.to_le_bytes());
                 body.extend(size.to_le_bytes());
                 body.extend(sample_size.to_le_bytes());
-                body.extend(inline_qos(0, 0));
+                body.extend(inline_qos(0, 0, None));
                 body.extend(vec![0; len.into()]);
                 let flags = FLAG_INLINE_QOS & !FLAG_DATA;
                 (SubmessageKind::DATA_FRAG, flags, writer, body)
@@ -227,8 +297,16 @@ impl Bench {
             _ => return self.control(operation),
         };
         let (guid, number) = writer_of(writer);
-        let message = Message::new(guid.prefix).submessage(kind, flags, &[&body]);
-        Some((number, message))
+        let mut message = Message::new(guid.prefix);
+        if let Operation::Data {
+            timestamp: Some(seconds),
+            ..
+        } = *operation
+        {
+            let seconds = u32::from(seconds).to_le_bytes();
+            message = message.submessage(SubmessageKind::INFO_TS, 0, &[&seconds, &[0; 4]]);
+        }
+        Some((number, message.submessage(kind, flags, &[&body])))
     }
 
     fn control(&self, operation: &Operation) -> Option<(u8, Message)> {
@@ -282,10 +360,13 @@ impl Bench {
 }
 
 /// PID_KEY_HASH and PID_STATUS_INFO.
-fn inline_qos(instance: u8, status: u8) -> Vec<u8> {
+fn inline_qos(instance: u8, status: u8, set: Option<Set>) -> Vec<u8> {
     let mut list = vec![0x70, 0, 16, 0];
     list.extend([instance % 4; 16]);
     list.extend([0x71, 0, 4, 0, 0, 0, 0, status & 7]);
+    if let Some(set) = set {
+        set.inline_qos(&mut list);
+    }
     list.extend([1, 0, 0, 0]);
     list
 }
@@ -298,12 +379,15 @@ fn writer_of(number: u8) -> (Guid, u8) {
 fuzz_target!(|scene: Scene| {
     let mut bench = Bench::new(&scene);
     for writer in 0..2 {
-        bench.step(&Operation::Match { writer });
+        let policies = scene.policies;
+        bench.step(&Operation::Match { writer, policies });
     }
     for operation in scene.operations.iter().take(500) {
         bench.step(operation);
         transmit(&mut bench.endpoints, bench.now);
         while bench.endpoints.poll_event().is_some() {}
     }
+    bench.step(&Operation::Thaw);
+    bench.step(&Operation::ReleaseGroups);
     bench.take(usize::MAX);
 });

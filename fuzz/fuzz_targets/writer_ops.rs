@@ -2,28 +2,26 @@
 
 #![no_main]
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use libfuzzer_sys::arbitrary::{self, Arbitrary};
 use libfuzzer_sys::fuzz_target;
 use rtps_fuzz::{
-    DATAGRAM, Message, Number, OURS, address, entities, remote, remote_guid, sequence_set, transmit,
+    DATAGRAM, Message, Number, OURS, Policies, address, entities, remote, remote_guid,
+    sequence_set, transmit,
 };
 use rtps_user::endpoints::Endpoints;
+use rtps_user::filter::PayloadFilter;
 use rtps_user::history::{ChangeKind, NewChange};
-use rtps_user::qos::{Durability, History, Qos, Reliability, ResourceLimits};
 use rtps_user::wire::{
     EntityId, EntityKind, Guid, KeyHash, SequenceNumber, SubmessageKind, Timestamp,
 };
-use rtps_user::writer::{WriterConfig, WriterTiming};
-
-const MOST_SAMPLES: u32 = 16;
+use rtps_user::writer::{Writer, WriterConfig, WriterTiming};
 
 #[derive(Arbitrary, Debug)]
 struct Scene {
-    depth: Option<u8>,
-    is_reliable: bool,
-    is_transient_local: bool,
+    policies: Policies,
     operations: Vec<Operation>,
 }
 
@@ -39,9 +37,15 @@ enum Operation {
     },
     Match {
         reader: u8,
-        is_reliable: bool,
-        is_transient_local: bool,
+        policies: Policies,
     },
+    /// The reader wants payloads of certain lengths only.
+    Filter {
+        reader: u8,
+        divisor: Option<u8>,
+    },
+    BeginSet,
+    EndSet,
     Unmatch {
         reader: u8,
     },
@@ -72,36 +76,13 @@ struct Bench {
     writer: EntityId,
 }
 
-fn qos(is_reliable: bool, is_transient_local: bool) -> Qos {
-    Qos {
-        reliability: match is_reliable {
-            true => Reliability::RELIABLE,
-            false => Reliability::BestEffort,
-        },
-        durability: match is_transient_local {
-            true => Durability::TransientLocal,
-            false => Durability::Volatile,
-        },
-        ..Qos::default()
-    }
-}
-
 impl Bench {
     fn new(scene: &Scene) -> Self {
-        let mut qos = qos(scene.is_reliable, scene.is_transient_local);
-        qos.history = match scene.depth {
-            Some(depth) => History::KeepLast(u32::from(depth % 8) + 1),
-            None => History::KeepAll,
-        };
-        qos.resource_limits = ResourceLimits {
-            max_samples: Some(MOST_SAMPLES),
-            ..ResourceLimits::default()
-        };
         let writer = EntityId::of_app(1, 1, EntityKind::WriterWithKey);
         let mut endpoints = Endpoints::new(OURS);
         endpoints.add_writer(WriterConfig {
             guid: Guid::new(OURS, writer),
-            qos,
+            qos: scene.policies.qos(),
             datagram_size: DATAGRAM,
             timing: WriterTiming::default(),
         });
@@ -127,18 +108,25 @@ impl Bench {
                 is_dispose: true,
             } => self.write(ChangeKind::Disposed, instance, 0),
             Operation::End { instance, .. } => self.write(ChangeKind::Unregistered, instance, 0),
-            Operation::Match {
-                reader,
-                is_reliable,
-                is_transient_local,
-            } => {
+            Operation::Match { reader, policies } => {
                 let (guid, number) = reader_of(reader);
-                let remote = remote(guid, number, qos(is_reliable, is_transient_local));
+                let remote = remote(guid, number, policies.qos());
                 self.endpoints.match_remote(self.now, self.writer, &remote);
             }
             Operation::Unmatch { reader } => {
                 let (guid, _) = reader_of(reader);
                 self.endpoints.unmatch(self.now, self.writer, guid);
+            }
+            Operation::Filter { reader, divisor } => {
+                let (guid, _) = reader_of(reader);
+                let filter = divisor.map(|divisor| -> PayloadFilter {
+                    Arc::new(move |_, payload| payload.len() % (usize::from(divisor) + 1) == 0)
+                });
+                self.writer_mut().set_reader_filter(guid, filter);
+            }
+            Operation::BeginSet => self.writer_mut().begin_coherent(),
+            Operation::EndSet => {
+                self.writer_mut().end_coherent(Timestamp::default());
             }
             Operation::AckNack { .. } | Operation::NackFrag { .. } => self.answer(operation),
             Operation::Transmit => transmit(&mut self.endpoints, self.now),
@@ -156,9 +144,16 @@ impl Bench {
             payload: vec![0; len].into(),
             timestamp: Timestamp::default(),
         };
-        let writer = self.endpoints.writer_mut(self.writer);
+        let now = self.now;
+        let writer = self.writer_mut();
         // Its history may be full.
-        let _ = writer.expect("the writer").write(self.now, change);
+        if writer.make_room(&change).is_ok() {
+            let _ = writer.write(now, change);
+        }
+    }
+
+    fn writer_mut(&mut self) -> &mut Writer {
+        self.endpoints.writer_mut(self.writer).expect("the writer")
     }
 
     fn answer(&mut self, operation: &Operation) {
@@ -227,6 +222,7 @@ fuzz_target!(|scene: Scene| {
         bench.step(operation);
         while bench.endpoints.poll_event().is_some() {}
     }
+    bench.step(&Operation::EndSet);
     transmit(&mut bench.endpoints, bench.now);
     // Nobody is left to wait for.
     for reader in 0..4 {

@@ -8,8 +8,10 @@ use rtps_user::qos::Qos;
 use rtps_user::wire::{EntityId, EntityKind, Guid, GuidPrefix, MessageReceiver};
 
 mod message;
+mod policies;
 
 pub use message::{Message, Number, entities, sequence, sequence_set};
+pub use policies::{MOST_SAMPLES, Policies};
 
 /// The participant that is fuzzed.
 pub const OURS: GuidPrefix = GuidPrefix([1; 12]);

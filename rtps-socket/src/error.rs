@@ -107,6 +107,11 @@ pub enum WriteError {
     /// A payload begins with its 4-byte encapsulation header.
     #[error("a raw payload of {0} bytes has no encapsulation header (RTPS 2.5 section 10.2)")]
     NoEncapsulation(usize),
+    /// What was written into a loan is not of the type.
+    #[error(
+        "the loan has no sample of type {0} in it: serialize one, with its encapsulation header"
+    )]
+    NoSample(&'static str),
     /// Only topics with keys have instances to dispose or unregister.
     #[error("the topic has no key, so there is no instance to dispose or unregister")]
     NoKey,
@@ -144,6 +149,9 @@ pub enum WaitError {
     /// The layer was set up anew, and the participant is no longer part of the domain.
     #[error("the layer was unloaded: open the participant again")]
     LayerLost,
+    /// Repairs are under way, or a writer has stopped.
+    #[error("the history of a matched writer has not come in time")]
+    HistoryIncomplete,
     /// Samples are under way, or a reader has stopped.
     #[error("a reliable reader has not acknowledged everything in time")]
     Unacknowledged,

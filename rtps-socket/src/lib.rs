@@ -28,9 +28,10 @@ mod sys;
 
 pub use bytes::Bytes;
 pub use dcps::{
-    Access, CoherentChanges, Condition, ContentFilteredTopic, DataReader, DataWriter,
-    DomainParticipant, GuardCondition, Publisher, QueryCondition, ReadCondition, Sample, Samples,
-    StatusCondition, Subscriber, Topic, TopicDescription, WaitSet,
+    Access, BuiltinTopics, CoherentChanges, Condition, ContentFilteredTopic, DataReader,
+    DataWriter, DomainParticipant, EndpointBuiltinTopicData, GuardCondition,
+    ParticipantBuiltinTopicData, Publisher, QueryCondition, ReadCondition, Sample, Samples,
+    StatusCondition, Subscriber, Topic, TopicBuiltinTopicData, TopicDescription, WaitSet,
 };
 pub use link::{LayerChoice, LayerKind};
 pub use qos::Qos;
@@ -44,5 +45,5 @@ pub use rtps_user::wire::{
     EntityId, Guid, GuidPrefix, KeyHash, KeyHash as InstanceHandle, PayloadKind, SequenceNumber,
     Timestamp,
 };
-pub use socket::{Builder, RawChange, RawReader, RawSamples, RawWriter, RtpsSocket};
+pub use socket::{Builder, Loan, RawChange, RawReader, RawSamples, RawWriter, RtpsSocket};
 pub use status::{EntityEvent, StatusEvent, StatusKind, StatusMask};

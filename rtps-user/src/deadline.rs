@@ -8,6 +8,9 @@ use std::time::{Duration, Instant};
 
 use crate::wire::KeyHash;
 
+/// A period of zero would have instances be due again at once, for ever.
+const MIN_PERIOD: Duration = Duration::from_micros(1);
+
 /// The entries of a reader or a writer.
 #[derive(Debug, Default)]
 pub(crate) struct Deadlines {
@@ -18,7 +21,7 @@ pub(crate) struct Deadlines {
 impl Deadlines {
     /// Sets the period; instances already watched keep their next deadline.
     pub(crate) fn set_period(&mut self, period: Option<Duration>) {
-        self.period = period;
+        self.period = period.map(|period| period.max(MIN_PERIOD));
         if period.is_none() {
             self.due.clear();
         }
@@ -52,5 +55,24 @@ impl Deadlines {
             self.due.remove(&first);
             first.1
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_instance_is_not_due_again_at_once() {
+        let (instance, now) = (KeyHash::default(), Instant::now());
+        let mut deadlines = Deadlines::default();
+        deadlines.set_period(Some(Duration::ZERO));
+        assert!(deadlines.watch(instance, now));
+        assert_eq!(deadlines.pop(now), None);
+        let later = now + MIN_PERIOD;
+        assert!(deadlines.is_missed(now, later));
+        assert_eq!(deadlines.pop(later), Some(instance));
+        assert!(deadlines.watch(instance, later));
+        assert_eq!(deadlines.pop(later), None);
     }
 }

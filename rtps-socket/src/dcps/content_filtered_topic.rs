@@ -123,20 +123,15 @@ impl<T: DdsType> ContentFilteredTopic<T> {
     pub fn set_expression_parameters(&self, parameters: &[&str]) -> Result<(), FilterError> {
         let parameters = owned(parameters)?;
         let mut state = self.filter.lock();
-        state.payloads = compiled::<T>(&state.announced.expression, &parameters)?;
-        state.announced.parameters = parameters;
-        let State {
-            announced,
-            payloads,
-            readers,
-        } = &mut *state;
-        readers.retain(|reader| {
-            let reader = reader.upgrade();
-            if let Some(reader) = &reader {
-                reader.set(announced.clone(), Arc::clone(payloads));
-            }
-            reader.is_some()
-        });
+        let payloads = compiled::<T>(&state.announced.expression, &parameters)?;
+        let announced = ContentFilter {
+            parameters,
+            ..state.announced.clone()
+        };
+        for reader in state.readers.iter().filter_map(Weak::upgrade) {
+            reader.set(announced.clone(), Arc::clone(&payloads))?;
+        }
+        (state.announced, state.payloads) = (announced, payloads);
         Ok(())
     }
 }
@@ -149,11 +144,14 @@ impl Filter {
     }
 
     /// A reader has been created with what was current.
-    pub(super) fn follow(&self, reader: &Arc<FilterSetter>) {
+    ///
+    /// # Errors
+    /// When what is current now is too large to be announced.
+    pub(super) fn follow(&self, reader: &Arc<FilterSetter>) -> Result<(), CreateError> {
         let mut state = self.lock();
         state.readers.retain(|known| known.strong_count() > 0);
         state.readers.push(Arc::downgrade(reader));
-        reader.set(state.announced.clone(), Arc::clone(&state.payloads));
+        reader.set(state.announced.clone(), Arc::clone(&state.payloads))
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {

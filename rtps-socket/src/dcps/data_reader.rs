@@ -8,6 +8,7 @@ use std::time::Duration;
 use futures_core::Stream;
 use rtps_user::wire::Guid;
 
+use super::EndpointBuiltinTopicData;
 use super::Sample;
 use super::access::{Form, instance_of_payload};
 use super::content_filtered_topic::Filter;
@@ -32,7 +33,7 @@ impl<T: DdsType> DataReader<T> {
         mut template: Template,
         filter: Option<&Filter>,
     ) -> Result<Self, CreateError> {
-        template.types = T::type_support();
+        template.describe::<T>();
         if let Some(filter) = filter {
             let (announced, payloads) = filter.current();
             template.content_filter = Some(announced);
@@ -42,9 +43,9 @@ impl<T: DdsType> DataReader<T> {
         let reader = socket.create_reader_of(template, instance_of)?;
         let filtered = filter.map(|filter| {
             let setter = Arc::new(reader.filter_setter());
-            filter.follow(&setter);
-            setter
+            filter.follow(&setter).map(|()| setter)
         });
+        let filtered = filtered.transpose()?;
         Ok(Self {
             reader,
             keys: Keys::default(),
@@ -101,12 +102,26 @@ impl<T: DdsType> DataReader<T> {
         self.reader.matched()
     }
 
+    /// What is known of a writer that it is matched with.
+    pub fn matched_publication_data(&self, writer: Guid) -> Option<EndpointBuiltinTopicData> {
+        self.reader.matched_publication_data(writer)
+    }
+
     /// Waits until at least `count` writers are matched.
     ///
     /// # Errors
     /// When there are fewer after `timeout`.
     pub fn wait_for_matched(&self, count: usize, timeout: Duration) -> Result<(), WaitError> {
         self.reader.wait_for_matched(count, timeout)
+    }
+
+    /// Waits until everything has come that writers matched now keep for readers that come late: of TRANSIENT_LOCAL and
+    /// up. Of writers that are still to be matched it knows nothing: see [`wait_for_matched`](Self::wait_for_matched).
+    ///
+    /// # Errors
+    /// When it has not before `timeout`.
+    pub fn wait_for_historical_data(&self, timeout: Duration) -> Result<(), WaitError> {
+        self.reader.wait_for_historical_data(timeout)
     }
 
     /// Its policies, with those of its subscriber.

@@ -1,6 +1,7 @@
 //! The typed API in the terms of DDS 1.4: participant, topic, publisher, subscriber, writer, reader.
 
 mod access;
+mod builtin;
 mod condition;
 mod content_filtered_topic;
 mod data_reader;
@@ -15,6 +16,9 @@ mod subscriber;
 mod topic;
 mod wait_set;
 
+pub use builtin::{
+    BuiltinTopics, EndpointBuiltinTopicData, ParticipantBuiltinTopicData, TopicBuiltinTopicData,
+};
 pub use condition::{Condition, GuardCondition, QueryCondition, ReadCondition, StatusCondition};
 pub use content_filtered_topic::{ContentFilteredTopic, TopicDescription};
 pub use data_reader::{DataReader, Samples};

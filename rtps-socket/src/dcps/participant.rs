@@ -2,11 +2,16 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use rtps_user::RemoteEndpoint;
 
 use super::{
-    ContentFilteredTopic, DataReader, DataWriter, Publisher, Subscriber, Topic, TopicDescription,
+    BuiltinTopics, ContentFilteredTopic, DataReader, DataWriter, Publisher, Subscriber, Topic,
+    TopicDescription,
 };
 use crate::cdr::DdsType;
+use crate::driver::Core;
 use crate::error::{CreateError, FilterError, OpenError};
 use crate::qos::Qos;
 use crate::socket::{Builder, RtpsSocket, Template};
@@ -80,6 +85,27 @@ impl DomainParticipant {
         ContentFilteredTopic::new(name, topic, expression, parameters)
     }
 
+    /// The topic of that name, once somebody else has an endpoint of it with the type's name; `None` when there is none
+    /// before `timeout`. A topic that is known to be there need not be found: [`create_topic`](Self::create_topic).
+    pub fn find_topic<T: DdsType>(&self, name: &str, timeout: Duration) -> Option<Topic<T>> {
+        let deadline = Instant::now().checked_add(timeout);
+        self.socket.shared().with(Core::browse);
+        let found = self.socket.shared().wait_until(deadline, |core, _| {
+            let mut endpoints = core.browser()?.endpoints();
+            let is_it = |endpoint: &RemoteEndpoint| {
+                endpoint.topic == name && endpoint.type_name == T::TYPE_NAME
+            };
+            endpoints.any(is_it).then_some(())
+        });
+        found.and_then(|()| Topic::new(name).ok())
+    }
+
+    /// What is known of the domain: participants, topics, and the endpoints of others. From the first call on the layer
+    /// tells of all of them.
+    pub fn builtin(&self) -> BuiltinTopics {
+        BuiltinTopics::new(self.socket.clone())
+    }
+
     /// A publisher: writers with policies in common.
     pub fn create_publisher(&self, qos: Qos) -> Publisher {
         Publisher::new(self.socket.clone(), qos, self.autoenables())
@@ -140,6 +166,15 @@ impl DomainParticipant {
         listener: impl Fn(EntityEvent) + Send + Sync + 'static,
     ) {
         self.socket.set_listener(mask, listener);
+    }
+
+    /// Changes USER_DATA, up to 256 bytes that others see in the participant's announcement
+    /// ([`Builder::user_data`](Builder::user_data)).
+    pub fn set_user_data(&self, data: impl Into<Vec<u8>>) {
+        let user_data = data.into();
+        self.socket
+            .shared()
+            .with(|core, now| core.describe(now, user_data));
     }
 
     /// Asserts the liveliness of all writers with LIVELINESS MANUAL_BY_PARTICIPANT.

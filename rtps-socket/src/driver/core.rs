@@ -7,12 +7,14 @@ use std::time::{Duration, Instant, SystemTime};
 
 use rtps_user::OwnKeys;
 use rtps_user::endpoints::Endpoints;
-use rtps_user::layer::protocol::ToLayer;
+use rtps_user::layer::protocol::{Discovered, ToLayer};
 use rtps_user::qos::{ContentFilter, Qos};
 use rtps_user::wire::{EntityId, EntityKind, Guid};
+use rtps_user::writer::FRAGMENT_OVERHEAD;
 
 use super::audience::{Audience, EntityListener, GroupId, Listener};
 use super::batching::{Batching, Patience};
+use super::browser::Browser;
 use super::entity::{Declaration, Entity, Notice};
 use super::outgoing::Outgoing;
 use super::seat::{Holder, SLACK, Seat, Sleep, WRITING};
@@ -35,6 +37,10 @@ pub(crate) struct Core {
     pub(crate) audience: Audience,
     pub(super) batching: Batching,
     wall_clock: WallClock,
+    /// Whether any reader has coherent sets that wait for their parts in others.
+    pub(super) stages_groups: bool,
+    /// What is known of the domain, where the app wants to know.
+    pub(super) browser: Option<Box<Browser>>,
     pub(super) is_lost: bool,
 }
 
@@ -52,6 +58,8 @@ impl Core {
             audience: Audience::default(),
             batching: Batching::default(),
             wall_clock: WallClock::default(),
+            stages_groups: false,
+            browser: None,
             is_lost: false,
         }
     }
@@ -69,6 +77,13 @@ impl Core {
     /// The most bytes of a datagram.
     pub(crate) fn datagram_size(&self) -> usize {
         self.identity.datagram_size.into()
+    }
+
+    /// Has samples sent in fragments of no more than `size` bytes, by writers that are created from now on.
+    pub(crate) fn limit_fragments(&mut self, size: u16) {
+        let datagram =
+            u16::try_from(FRAGMENT_OVERHEAD).map_or(size, |more| size.saturating_add(more));
+        self.identity.datagram_size = self.identity.datagram_size.min(datagram);
     }
 
     /// A name for a new endpoint; `None` when the app has 65,535 of them.
@@ -143,6 +158,9 @@ impl Core {
 
     /// Removes an endpoint, which has sent everything by then.
     pub(crate) fn withdraw(&mut self, now: Instant, id: EntityId) {
+        if let Some(writer) = self.endpoints.writer_mut(id) {
+            writer.hurry();
+        }
         self.transmit(now);
         self.endpoints.remove(id);
         self.link.request(now, ToLayer::Withdraw(id));
@@ -177,6 +195,28 @@ impl Core {
         self.audience.set_listener(group, mask, listener);
         for entity in self.entities.values_mut() {
             entity.tell_again(&mut self.audience);
+        }
+    }
+
+    /// Asks the layer what there is in the domain, and to be told of changes; once is enough.
+    pub(crate) fn browse(&mut self, now: Instant) {
+        if self.browser.is_none() {
+            self.browser = Some(Box::default());
+            self.link.request(now, ToLayer::Browse { after: None });
+        }
+    }
+
+    /// What there is in the domain, after the app has asked for it.
+    pub(crate) fn browser(&self) -> Option<&Browser> {
+        self.browser.as_deref()
+    }
+
+    /// Takes what the layer tells of the domain.
+    pub(super) fn handle_discovered(&mut self, now: Instant, news: Discovered) {
+        self.seat.news = true;
+        if let Some(last) = self.browser.as_mut().and_then(|browser| browser.take(news)) {
+            self.link
+                .request(now, ToLayer::Browse { after: Some(last) });
         }
     }
 

@@ -14,6 +14,7 @@
 mod audience;
 mod background;
 mod batching;
+mod browser;
 mod core;
 mod entity;
 mod external;
@@ -35,6 +36,7 @@ use nix::sys::timerfd::{ClockId, TimerFd, TimerFlags};
 
 pub(crate) use self::audience::{EntityListener, GroupId, Listener};
 pub(crate) use self::batching::{Patience, PatienceCell};
+pub(crate) use self::browser::Browser;
 pub(crate) use self::core::Core;
 pub(crate) use self::entity::{Declaration, Inherits, MakeFilter};
 pub(crate) use self::wait::Limit;

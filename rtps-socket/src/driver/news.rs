@@ -19,9 +19,7 @@ impl Core {
             FromLayer::Matched { local, remote } => {
                 self.endpoints.match_remote(now, local, &remote);
                 self.apply_filter(local, &remote);
-                self.on_entity(local, |entity, audience| {
-                    entity.add_match(remote.guid, audience)
-                });
+                self.on_entity(local, |entity, audience| entity.add_match(remote, audience));
             }
             FromLayer::Unmatched { local, remote } => {
                 self.endpoints.unmatch(now, local, remote);
@@ -50,6 +48,7 @@ impl Core {
                 tracing::error!("the layer refuses: {reason}");
                 self.report_all(&StatusEvent::Refused { reason });
             }
+            FromLayer::Discovered(news) => self.handle_discovered(now, news),
             // These are for the link.
             FromLayer::Welcome(_)
             | FromLayer::FanOut { .. }
@@ -74,7 +73,7 @@ impl Core {
     pub(super) fn lose_layer(&mut self, now: Instant) {
         self.is_lost = true;
         for (id, entity) in &mut self.entities {
-            let matched: Vec<_> = entity.matched().iter().copied().collect();
+            let matched: Vec<_> = entity.matched().collect();
             for remote in matched {
                 self.endpoints.unmatch(now, *id, remote);
                 entity.remove_match(remote, &mut self.audience);

@@ -4,6 +4,8 @@ mod builder;
 mod condition;
 mod endpoint;
 mod group;
+mod group_order;
+mod loan;
 mod raw_reader;
 mod raw_writer;
 mod template;
@@ -17,6 +19,7 @@ use rtps_user::wire::{EntityKind, Guid};
 use rtps_user::writer::{WriterConfig, WriterTiming};
 
 pub use builder::Builder;
+pub use loan::Loan;
 pub(crate) use raw_reader::FilterSetter;
 pub use raw_reader::{RawReader, RawSamples};
 pub use raw_writer::{RawChange, RawWriter};
@@ -26,7 +29,7 @@ pub(crate) use self::group::Group;
 pub(crate) use self::template::Template;
 
 use self::endpoint::EndpointHandle;
-use crate::driver::{Core, Driver};
+use crate::driver::{Core, Driver, Shared};
 use crate::error::CreateError;
 use crate::link::LayerKind;
 use crate::qos::Qos;
@@ -152,6 +155,10 @@ impl RtpsSocket {
         self.driver
             .shared()
             .with(|core, _| core.set_entity_listener(None, mask, Arc::new(listener)));
+    }
+
+    pub(crate) fn shared(&self) -> &Shared {
+        self.driver.shared()
     }
 
     /// A publisher or subscriber.

@@ -13,8 +13,10 @@ use rtps_user::wire::{EntityId, Guid, KeyHash};
 
 use super::condition::{Trigger, Watched};
 use super::endpoint::EndpointHandle;
+use super::template::check_endpoint;
+use crate::dcps::EndpointBuiltinTopicData;
 use crate::driver::{Core, Limit, Shared};
-use crate::error::{SetQosError, WaitError};
+use crate::error::{CreateError, SetQosError, WaitError};
 use crate::filter::PayloadFilter;
 use crate::qos::{Qos, policies};
 use crate::status::{
@@ -187,9 +189,7 @@ impl RawReader {
         if !core.endpoints.reader(id)?.has_data() {
             return None;
         }
-        core.endpoints
-            .reader_mut(id)?
-            .take_next(&Selection::default())
+        core.endpoints.take_next(id, &Selection::default())
     }
 
     /// Its name.
@@ -202,12 +202,34 @@ impl RawReader {
         self.endpoint.matched()
     }
 
+    /// What is known of a writer that it is matched with.
+    pub fn matched_publication_data(&self, writer: Guid) -> Option<EndpointBuiltinTopicData> {
+        self.endpoint.matched_endpoint(writer)
+    }
+
     /// Waits until at least `count` writers are matched.
     ///
     /// # Errors
     /// When there are fewer after `timeout`.
     pub fn wait_for_matched(&self, count: usize, timeout: Duration) -> Result<(), WaitError> {
         self.endpoint.wait_for_matched(count, timeout)
+    }
+
+    /// Waits until everything has come that writers matched now keep for readers that come late.
+    ///
+    /// # Errors
+    /// When it has not before `timeout`.
+    pub fn wait_for_historical_data(&self, timeout: Duration) -> Result<(), WaitError> {
+        let complete = self.endpoint.shared().wait_until(timeout, |core, _| {
+            if core.is_lost() {
+                return Some(Err(WaitError::LayerLost));
+            }
+            let reader = core.endpoints.reader(self.endpoint.id());
+            reader
+                .is_none_or(|reader| reader.is_history_complete())
+                .then_some(Ok(()))
+        });
+        complete.unwrap_or(Err(WaitError::HistoryIncomplete))
     }
 
     /// Its policies, with those of its subscriber.
@@ -323,13 +345,27 @@ pub(crate) struct FilterSetter {
 
 impl FilterSetter {
     /// Has writers and the reader itself heed another filter.
-    pub(crate) fn set(&self, announced: ContentFilter, payloads: PayloadFilter) {
+    ///
+    /// # Errors
+    /// When it is too large to be announced; all stays as it was then.
+    pub(crate) fn set(
+        &self,
+        announced: ContentFilter,
+        payloads: PayloadFilter,
+    ) -> Result<(), CreateError> {
         self.shared.with(|core, now| {
+            let Some(entity) = core.entity(self.reader) else {
+                return Ok(());
+            };
+            let mut endpoint = entity.declaration().endpoint.clone();
+            endpoint.content_filter = Some(announced.clone());
+            check_endpoint(endpoint)?;
             if let Some(reader) = core.endpoints.reader_mut(self.reader) {
                 reader.set_content_filter(Some(payloads));
             }
             core.change_filter(now, self.reader, announced);
-        });
+            Ok(())
+        })
     }
 }
 

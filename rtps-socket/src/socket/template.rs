@@ -8,11 +8,15 @@ use rtps_user::wire::{EntityId, EntityKind};
 use rtps_user::xtypes::TypeSupport;
 
 use super::Group;
+use crate::cdr::DdsType;
 use crate::driver::{Declaration, Inherits, MakeFilter};
 use crate::error::CreateError;
 use crate::filter::PayloadFilter;
 use crate::link::encode;
 use crate::qos::policies;
+
+/// Bytes of the largest description of a type, so that there is room for the policies beside it.
+const MAX_TYPE: usize = MAX_PROTOCOL_MESSAGE / 4;
 
 /// See the module.
 #[derive(Clone)]
@@ -49,6 +53,19 @@ impl Template {
             group: None,
             inherits: Inherits::default(),
             is_enabled: true,
+        }
+    }
+
+    /// Says what the type is, unless that takes too much for the layer to be told.
+    pub(crate) fn describe<T: DdsType>(&mut self) {
+        let types = T::type_support();
+        if types.information.len() + types.objects.len() <= MAX_TYPE {
+            self.types = types;
+        } else {
+            tracing::warn!(
+                "type {} is too large to be described: others know its name alone",
+                T::TYPE_NAME
+            );
         }
     }
 

@@ -1,6 +1,7 @@
 //! The API over the in-process layer: in a network namespace of its own where a test runs as root, else in a domain
 //! that no other test has.
 
+mod builtin;
 mod dcps;
 mod driving;
 mod event_loop;

@@ -5,6 +5,7 @@
 //! from the point of view of ours: two of our own make two pairs. It answers each change with the differences.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Bound;
 
 use crate::RemoteEndpoint;
 use crate::qos::{PolicyId, compatible};
@@ -69,6 +70,12 @@ impl Matchmaker {
     /// An endpoint, as others see it.
     pub fn endpoint(&self, guid: Guid) -> Option<&RemoteEndpoint> {
         self.endpoints.get(&guid)
+    }
+
+    /// All endpoints from a GUID on, in the order of their GUIDs.
+    pub fn endpoints_from(&self, start: Bound<Guid>) -> impl Iterator<Item = &RemoteEndpoint> {
+        let endpoints = self.endpoints.range((start, Bound::Unbounded));
+        endpoints.map(|(_, endpoint)| endpoint)
     }
 
     /// Our endpoints that are matched with this one.

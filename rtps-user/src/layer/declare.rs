@@ -115,6 +115,7 @@ impl Layer {
             .matchmaker
             .remove(Guid::new(self.config.prefix, entity));
         self.apply(changes);
+        self.hide_endpoint(Guid::new(self.config.prefix, entity));
         let sequence = self.discovery.withdraw(now, entity);
         if let Some(sequence) = sequence {
             self.store(Record::Withdrawn { sequence, entity });
@@ -173,6 +174,7 @@ impl Layer {
             content_filter: endpoint.content_filter.clone(),
         });
         self.apply(changes);
+        self.show_endpoint(Guid::new(self.config.prefix, endpoint.entity));
     }
 
     /// An endpoint of an app as remote participants are to see it: reachable where its participant is.

@@ -16,7 +16,9 @@ pub(super) enum Access {
 }
 
 impl Reader {
-    /// Takes up to `max` samples in the order of arrival; makes room for samples that could not be accepted.
+    /// Takes up to `max` samples in the order of arrival; makes room for samples that could not be accepted. A reader
+    /// with coherent or ordered access of INSTANCE scope gets those of each instance in a row (DDS 1.4 section
+    /// 2.2.2.5.3.8).
     pub fn take(&mut self, max: usize, selection: &Selection) -> Vec<Sample> {
         let samples = self.cache.collect(max, selection, Access::Take);
         self.taken(&samples);
@@ -80,6 +82,9 @@ impl Cache {
 
     /// Hands out samples by their places; makes these the room for those of the next time.
     pub(super) fn hand_out(&mut self, mut chosen: Vec<u32>, access: Access) -> Vec<Sample> {
+        if self.groups_instances && chosen.len() > 1 {
+            self.group_by_instance(&mut chosen);
+        }
         let mut samples: Vec<Sample> = chosen
             .iter()
             .map(|place| self.sample(*place, access))
@@ -92,6 +97,27 @@ impl Cache {
         }
         self.chosen = chosen;
         samples
+    }
+
+    /// Brings samples of one instance together, in the order of the first ones.
+    fn group_by_instance(&mut self, chosen: &mut [u32]) {
+        let mut count = 0;
+        for place in chosen.iter() {
+            let instance = &mut self.instances[self.entries.get(*place).instance];
+            if instance.collected.0 == 0 {
+                count += 1;
+                instance.collected.0 = count;
+            }
+        }
+        chosen.sort_by_key(|place| {
+            self.instances[self.entries.get(*place).instance]
+                .collected
+                .0
+        });
+        for place in chosen.iter() {
+            let instance = self.entries.get(*place).instance;
+            self.instances[instance].collected = (0, 0);
+        }
     }
 
     /// Takes the first sample that `selection` selects.
@@ -134,6 +160,7 @@ impl Cache {
             && selection.instance_states.contains(instance.state)
     }
 
+    #[inline]
     fn sample(&mut self, place: u32, access: Access) -> Sample {
         let entry = self.entries.get_mut(place);
         let instance = &self.instances[entry.instance];
@@ -144,6 +171,12 @@ impl Cache {
             Access::Take => std::mem::take(&mut entry.payload),
         };
         Sample { payload, info }
+    }
+
+    /// What is known of a sample by itself.
+    pub(super) fn info(&self, place: u32) -> SampleInfo {
+        let entry = self.entries.get(place);
+        info(entry, &self.instances[entry.instance])
     }
 
     /// Fills in the ranks; called from the last sample of a collection to its first.
@@ -162,6 +195,7 @@ impl Cache {
     }
 
     /// Removes a taken sample or marks a read one, and its instance as seen.
+    #[inline]
     fn accessed(&mut self, place: u32, access: Access) {
         let entry = self.entries.get_mut(place);
         let was_read = std::mem::replace(&mut entry.read, true);
@@ -194,7 +228,10 @@ fn info(entry: &Entry, instance: &Instance) -> SampleInfo {
         writer: entry.writer,
         sequence: entry.sequence,
         source_timestamp: entry.timestamp,
-        group_sequence: entry.group_sequence,
+        group_sequence: entry
+            .extras
+            .as_ref()
+            .and_then(|extras| extras.group_sequence),
         reception: entry.reception,
         sample_state: sample_state(entry),
         view_state: instance.view,

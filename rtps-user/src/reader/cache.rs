@@ -19,7 +19,7 @@ use super::rules::Rules;
 use super::timers::Timers;
 use super::{InstanceState, ReaderConfig, ReaderEvent};
 use crate::deadline::Deadlines;
-use crate::qos::{Ownership, Qos};
+use crate::qos::{Ownership, Presentation, PresentationScope, Qos};
 use crate::table::Table;
 use crate::wire::{Guid, KeyHash, StatusInfo};
 
@@ -32,6 +32,8 @@ pub(super) struct Cache {
     pub(super) idle: VecDeque<KeyHash>,
     deadlines: Deadlines,
     pub(super) lifecycle: Lifecycle,
+    /// Whether anything may ever be due.
+    is_timed: bool,
     pub(super) rules: Option<Box<Rules>>,
     /// When samples expire, by their places (LIFESPAN).
     expiries: Timers<u32>,
@@ -43,12 +45,29 @@ pub(super) struct Cache {
     pub(super) groups: Option<Groups>,
     /// Whether a content filter keeps samples out, so that there are instances that nothing is known of.
     pub(super) is_filtered: bool,
+    /// Whether samples that are handed out together are in the order of their instances first (PRESENTATION).
+    pub(super) groups_instances: bool,
     /// Samples that have come before so many others are visible.
     pub(super) horizon: u64,
     /// The instances with samples, by their keys, once somebody walks over them.
     pub(super) walked: Option<BTreeSet<KeyHash>>,
     /// Room for the places of the samples that are being handed out; empty in between.
     pub(super) chosen: Vec<u32>,
+}
+
+/// Whether a reader with these policies has something to do as time passes, whatever its writers offer.
+fn is_timed(qos: &Qos) -> bool {
+    let lifecycle = qos.reader_data_lifecycle;
+    !qos.deadline.0.is_infinite()
+        || !lifecycle.autopurge_nowriter_samples_delay.is_infinite()
+        || !lifecycle.autopurge_disposed_samples_delay.is_infinite()
+        || qos.time_based_filter.0 != crate::wire::Duration::ZERO
+}
+
+/// INSTANCE scope is the default, too; only who asks for a kind of access means it.
+fn groups_instances(presentation: Presentation) -> bool {
+    let is_asked_for = presentation.coherent || presentation.ordered;
+    is_asked_for && presentation.scope == PresentationScope::Instance
 }
 
 impl Cache {
@@ -63,6 +82,7 @@ impl Cache {
             idle: VecDeque::new(),
             deadlines,
             lifecycle: Lifecycle::new(qos.reader_data_lifecycle),
+            is_timed: is_timed(qos),
             rules: Rules::new(qos),
             expiries: Timers::default(),
             valid_count: 0,
@@ -70,6 +90,7 @@ impl Cache {
             staged: 0,
             groups: None,
             is_filtered: config.content_filter.is_some(),
+            groups_instances: groups_instances(qos.presentation),
             horizon: u64::MAX,
             walked: None,
             chosen: Vec::new(),
@@ -79,6 +100,7 @@ impl Cache {
     /// Takes over changed policies for what arrives from now on.
     pub(super) fn set_qos(&mut self, qos: &Qos) {
         self.limits = Limits::new(qos);
+        self.is_timed |= is_timed(qos);
         self.lifecycle.set_qos(qos.reader_data_lifecycle);
         match &mut self.rules {
             Some(rules) => rules.set_qos(qos),
@@ -104,27 +126,30 @@ impl Cache {
             self.apply_rules(instance, &change, events);
         }
         let (status, writer, at) = (change.status, change.writer, change.reception);
-        let mut news = change.valid_data;
         if change.valid_data {
             self.store_sample(instance, change);
-            self.settle(instance, status, writer, at);
-        } else if self.settle(instance, status, writer, at) {
-            self.push_news(instance, change);
-            news = true;
+            events.data_available();
+            if !status.is_alive() {
+                self.settle(instance, status, writer, at);
+            }
+            return;
         }
-        if news {
+        if self.settle(instance, status, writer, at) {
+            self.push_news(instance, change);
             events.data_available();
         }
         self.review(instance);
     }
 
     /// Adds a sample as the newest of its instance, which is alive then.
+    #[inline]
     pub(super) fn store_sample(&mut self, instance: u32, change: Change) {
         self.written(instance, change.writer, change.reception);
         self.make_room(instance);
         self.push(instance, change);
     }
 
+    #[inline]
     fn written(&mut self, place: u32, writer: Guid, now: Instant) {
         let instance = &mut self.instances[place];
         if instance.state != InstanceState::Alive {
@@ -176,6 +201,7 @@ impl Cache {
     }
 
     /// Applies a dispose, an unregister or both; returns whether the instance's state has changed.
+    #[inline]
     fn settle(&mut self, place: u32, status: StatusInfo, writer: Guid, now: Instant) -> bool {
         let instance = &mut self.instances[place];
         let disposed = status.disposed && instance.dispose(writer);
@@ -242,7 +268,11 @@ impl Cache {
     }
 
     /// When [`handle_timeout`](Self::handle_timeout) has something to do.
+    #[inline]
     pub(super) fn poll_timeout(&self) -> Option<Instant> {
+        if !self.is_timed {
+            return None;
+        }
         [
             self.deadlines.next(),
             self.expiries.next(),
@@ -295,14 +325,9 @@ impl Cache {
     }
 
     /// Removes a sample.
-    pub(super) fn remove(&mut self, place: u32) -> Option<Entry> {
-        let instance = &mut self.instances[self.entries.get(place).instance];
-        let entry = self.entries.remove(&mut instance.samples, place)?;
-        if let Some(walked) = &mut self.walked
-            && instance.samples.is_empty()
-        {
-            walked.remove(&instance.key);
-        }
+    pub(super) fn remove(&mut self, place: u32) {
+        let entry = self.entries.get(place);
+        let instance = &mut self.instances[entry.instance];
         if entry.valid_data {
             instance.valid_count -= 1;
             self.valid_count -= 1;
@@ -310,10 +335,15 @@ impl Cache {
         if !entry.read {
             self.unread_count -= 1;
         }
-        if entry.expiry.is_some() {
+        if entry.extras.is_some() {
             self.expiries.cancel(place);
         }
-        Some(entry)
+        self.entries.remove(&mut instance.samples, place);
+        if let Some(walked) = &mut self.walked
+            && instance.samples.is_empty()
+        {
+            walked.remove(&instance.key);
+        }
     }
 
     /// Forgets an instance that is over, and lists one that is idle.
@@ -336,6 +366,7 @@ impl Cache {
     }
 
     /// KEEP_LAST: the oldest samples of an instance make room for one more, with the news before them.
+    #[inline]
     fn make_room(&mut self, instance: u32) {
         let Some(depth) = self.limits.depth else {
             return;
@@ -356,6 +387,7 @@ impl Cache {
         }
     }
 
+    #[inline]
     fn push(&mut self, place: u32, change: Change) {
         let instance = &mut self.instances[place];
         if change.valid_data {
@@ -368,16 +400,16 @@ impl Cache {
         {
             walked.insert(instance.key);
         }
+        let expiry = change.expiry();
         let entry = Entry {
+            extras: change.extras,
             payload: change.payload,
             valid_data: change.valid_data,
             read: false,
             writer: change.writer,
             sequence: change.sequence,
             timestamp: change.timestamp,
-            group_sequence: change.membership.and_then(|membership| membership.sequence),
             reception: change.reception,
-            expiry: change.expiry,
             disposed_generation: instance.disposed_generation,
             no_writers_generation: instance.no_writers_generation,
             instance: place,
@@ -391,8 +423,9 @@ impl Cache {
             None => self.entries.push(&mut instance.samples, entry),
             Some(order) => order.insert(&mut self.entries, &mut instance.samples, entry),
         };
-        if let Some(at) = change.expiry {
+        if let Some(at) = expiry {
             self.expiries.set(place, at);
+            self.is_timed = true;
         }
     }
 

@@ -16,33 +16,42 @@ pub(super) struct Change {
     pub(super) sequence: SequenceNumber,
     pub(super) timestamp: Option<Timestamp>,
     pub(super) reception: Instant,
-    /// When it is worth nothing any more, if ever.
-    pub(super) expiry: Option<Instant>,
     pub(super) instance: KeyHash,
     pub(super) status: StatusInfo,
     pub(super) valid_data: bool,
     pub(super) payload: Bytes,
-    /// What it belongs to, where the reader cares.
-    pub(super) membership: Option<Box<Membership>>,
+    /// What few changes have.
+    pub(super) extras: Option<Box<Extras>>,
 }
 
-/// The coherent set and the group that a change belongs to (RTPS 2.5 sections 8.7.5 and 8.7.6).
+/// What is known of few changes, or of interest to few readers.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Membership {
+pub(super) struct Extras {
+    /// When the change is worth nothing any more (LIFESPAN).
+    pub(super) expiry: Option<Instant>,
     coherent_set: Option<SequenceNumber>,
-    /// Its number among the changes of its publisher.
-    pub(super) sequence: Option<SequenceNumber>,
-    /// The group sequence number that the publisher's set begins with.
+    /// Its number among the changes of its publisher (RTPS 2.5 section 8.7.5).
+    pub(super) group_sequence: Option<SequenceNumber>,
+    /// The group sequence number that the publisher's coherent set begins with (RTPS 2.5 section 8.7.6).
     pub(super) group_set: Option<SequenceNumber>,
     /// The writers of the publisher.
     pub(super) writers: Option<GroupDigest>,
 }
 
-impl Membership {
-    /// The first change of its set; `None` where it only says that there is none, or none any more.
+impl Extras {
+    /// The first change of its coherent set; `None` where it only says that there is none, or none any more.
     pub(super) fn set(&self) -> Option<SequenceNumber> {
         self.coherent_set.filter(|first| first.0 > 0)
     }
+}
+
+/// On what terms a reader gets the changes of a writer.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Terms {
+    /// The writer's LIFESPAN.
+    pub(super) lifespan: Option<Duration>,
+    /// Whether the reader has asked for coherent or ordered access.
+    pub(super) presents: bool,
 }
 
 impl Change {
@@ -53,7 +62,6 @@ impl Change {
             sequence: SequenceNumber::UNKNOWN,
             timestamp: None,
             reception: now,
-            expiry: None,
             instance,
             status: StatusInfo {
                 unregistered: true,
@@ -61,8 +69,13 @@ impl Change {
             },
             valid_data: false,
             payload: Bytes::new(),
-            membership: None,
+            extras: None,
         }
+    }
+
+    /// When it is worth nothing any more, if ever.
+    pub(super) fn expiry(&self) -> Option<Instant> {
+        self.extras.as_ref()?.expiry
     }
 
     /// Whether it is nothing to its instance.
@@ -73,12 +86,12 @@ impl Change {
 
 /// What a DATA and the DATA_FRAGs of a sample say of a change beside its payload.
 #[derive(Debug)]
-pub(super) struct Arrival {
+pub(super) struct Arrival<'a> {
     pub(super) writer: Guid,
     pub(super) sequence: SequenceNumber,
     pub(super) timestamp: Option<Timestamp>,
     pub(super) reception: Instant,
-    pub(super) inline_qos: InlineQos,
+    pub(super) inline_qos: &'a InlineQos,
     pub(super) kind: PayloadKind,
 }
 
@@ -116,7 +129,7 @@ pub(super) enum Meaning {
     Malformed,
 }
 
-impl Arrival {
+impl Arrival<'_> {
     /// Finds out what the change means.
     pub(super) fn meaning(&self, config: &ReaderConfig, payload: &[u8]) -> Meaning {
         let status = self.inline_qos.status;
@@ -145,15 +158,10 @@ impl Arrival {
         }
     }
 
-    /// The change, of a writer with this LIFESPAN.
-    pub(super) fn to_change(
-        &self,
-        instance: KeyHash,
-        payload: Bytes,
-        lifespan: Option<Duration>,
-    ) -> Change {
+    /// The change as the reader gets it.
+    #[inline]
+    pub(super) fn to_change(&self, instance: KeyHash, payload: Bytes, terms: &Terms) -> Change {
         Change {
-            expiry: self.expiry(lifespan),
             writer: self.writer,
             sequence: self.sequence,
             timestamp: self.timestamp,
@@ -162,29 +170,36 @@ impl Arrival {
             status: self.inline_qos.status,
             valid_data: self.kind == PayloadKind::Data,
             payload,
-            membership: None,
+            extras: self.extras(terms),
         }
     }
 
     /// A change in the place of one that is nothing to the reader, for what it says of coherent sets.
-    pub(super) fn to_void(&self) -> Change {
-        let change = self.to_change(KeyHash::default(), Bytes::new(), None);
+    pub(super) fn to_void(&self, terms: &Terms) -> Change {
         Change {
             status: StatusInfo::default(),
             valid_data: false,
-            ..change
+            ..self.to_change(KeyHash::default(), Bytes::new(), terms)
         }
     }
 
-    /// What the change belongs to, if anything.
-    pub(super) fn membership(&self) -> Option<Box<Membership>> {
-        let membership = Membership {
-            coherent_set: self.inline_qos.coherent_set,
-            sequence: self.inline_qos.group_sequence,
-            group_set: self.inline_qos.group_coherent_set,
-            writers: self.inline_qos.writer_group,
+    #[inline]
+    fn extras(&self, terms: &Terms) -> Option<Box<Extras>> {
+        let has_lifespan = terms.lifespan.is_some() || self.inline_qos.lifespan.is_some();
+        if !has_lifespan && !terms.presents {
+            return None;
+        }
+        let mut extras = Extras {
+            expiry: self.expiry(terms.lifespan),
+            ..Extras::default()
         };
-        (membership != Membership::default()).then(|| Box::new(membership))
+        if terms.presents {
+            extras.coherent_set = self.inline_qos.coherent_set;
+            extras.group_sequence = self.inline_qos.group_sequence;
+            extras.group_set = self.inline_qos.group_coherent_set;
+            extras.writers = self.inline_qos.writer_group;
+        }
+        (extras != Extras::default()).then(|| Box::new(extras))
     }
 
     /// LIFESPAN counts from the reception: what a writer still sends is not over there, and how far its clock is off

@@ -12,7 +12,7 @@
 use super::RejectedReason;
 use super::admission::Place;
 use super::cache::Cache;
-use super::change::{Change, Membership};
+use super::change::{Change, Extras};
 use super::events::Events;
 use super::groups::{GroupSet, StagedSet};
 use crate::wire::{GroupDigest, Guid, HeartbeatGroup, SequenceNumber};
@@ -85,16 +85,16 @@ impl CoherentSets {
         cache: &mut Cache,
         events: &mut Events,
     ) -> Result<Place, RejectedReason> {
-        let membership = change.membership.as_deref();
-        let first = membership.and_then(Membership::set);
+        let extras = change.extras.as_deref();
+        let first = extras.and_then(Extras::set);
         let is_other = |set: &OpenSet| Some(set.first) != first;
         if self.open.as_ref().is_some_and(is_other) {
-            self.end(membership, cache, events)?;
+            self.end(extras, cache, events)?;
         }
         if first.is_none()
-            && let Some(membership) = membership
+            && let Some(extras) = extras
         {
-            self.note_end(membership, cache);
+            self.note_end(extras, cache);
         }
         match first {
             _ if change.is_void() => Ok(Place::Nowhere),
@@ -105,11 +105,11 @@ impl CoherentSets {
 
     /// Puts a change that has been admitted into its set.
     pub(super) fn add(&mut self, change: Change, cache: &mut Cache) {
-        let membership = change.membership.as_deref();
-        let Some(first) = membership.and_then(Membership::set) else {
+        let extras = change.extras.as_deref();
+        let Some(first) = extras.and_then(Extras::set) else {
             return;
         };
-        let group_first = membership.and_then(|membership| membership.group_set);
+        let group_first = extras.and_then(|extras| extras.group_set);
         let set = self.open.get_or_insert_with(|| OpenSet {
             first,
             group_first,
@@ -130,7 +130,9 @@ impl CoherentSets {
 
     /// Whether it has yet to end its part of a set.
     pub(super) fn awaits(&self, set: &GroupSet) -> bool {
-        self.group.is_some() && self.group == set.writers && self.ended < set.first
+        let has_begun = |open: &OpenSet| open.group_first == Some(set.first);
+        let is_of_group = self.group.is_some() && self.group == set.writers;
+        self.open.as_ref().is_some_and(has_begun) || (is_of_group && self.ended < set.first)
     }
 
     fn admit_member(
@@ -163,7 +165,7 @@ impl CoherentSets {
     /// Ends the open set: `next` is what the change that is not of it says.
     fn end(
         &mut self,
-        next: Option<&Membership>,
+        next: Option<&Extras>,
         cache: &mut Cache,
         events: &mut Events,
     ) -> Result<(), RejectedReason> {
@@ -200,17 +202,18 @@ impl CoherentSets {
     }
 
     /// The writer has ended its part of a set of its publisher, in which it may have written nothing.
-    fn note_end(&mut self, membership: &Membership, cache: &Cache) {
+    fn note_end(&mut self, extras: &Extras, cache: &Cache) {
         if cache.groups.is_some()
-            && let Some(first) = membership.group_set
+            && let Some(first) = extras.group_set
         {
-            self.group = membership.writers.or(self.group);
+            self.group = extras.writers.or(self.group);
             self.ended = self.ended.max(first);
         }
     }
 }
 
 /// Looks for room for the next change in order, with its coherent set if it has one.
+#[inline]
 pub(super) fn admit(
     sets: &mut Option<Box<CoherentSets>>,
     change: &Change,
@@ -224,6 +227,7 @@ pub(super) fn admit(
 }
 
 /// Puts a change where there was room for it.
+#[inline]
 pub(super) fn store(
     sets: &mut Option<Box<CoherentSets>>,
     place: Place,

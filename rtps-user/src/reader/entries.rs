@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use bytes::Bytes;
 
+use super::change::Extras;
 use crate::slab::Slab;
 use crate::wire::{Guid, SequenceNumber, Timestamp};
 
@@ -18,9 +19,8 @@ pub(super) struct Entry {
     pub(super) writer: Guid,
     pub(super) sequence: SequenceNumber,
     pub(super) timestamp: Option<Timestamp>,
-    pub(super) group_sequence: Option<SequenceNumber>,
+    pub(super) extras: Option<Box<Extras>>,
     pub(super) reception: Instant,
-    pub(super) expiry: Option<Instant>,
     pub(super) disposed_generation: u32,
     pub(super) no_writers_generation: u32,
     /// Where its instance is.
@@ -151,11 +151,13 @@ impl Entries {
     }
 
     /// Adds an entry as the newest of all and of its instance; returns its place.
+    #[inline]
     pub(super) fn push(&mut self, siblings: &mut List, entry: Entry) -> u32 {
         self.insert(siblings, entry, None, None)
     }
 
     /// Adds an entry before others, of its instance and of all; as the newest where there is none.
+    #[inline]
     pub(super) fn insert(
         &mut self,
         siblings: &mut List,
@@ -182,12 +184,12 @@ impl Entries {
     }
 
     /// Removes an entry.
-    pub(super) fn remove(&mut self, siblings: &mut List, place: u32) -> Option<Entry> {
+    pub(super) fn remove(&mut self, siblings: &mut List, place: u32) {
         let mut arrival = self.arrival;
         self.unlink(&mut arrival, place, |node| &mut node.arrival);
         self.arrival = arrival;
         self.unlink(siblings, place, |node| &mut node.sibling);
-        self.nodes.remove(place).map(|node| node.entry)
+        self.nodes.clear(place);
     }
 
     fn link(&mut self, list: &mut List, place: u32, before: Option<u32>, of: Of) {

@@ -61,13 +61,14 @@ impl Reader {
         self.cache.groups.iter().flatten().map(|set| set.id)
     }
 
-    /// Whether a writer of the publisher is matched that has yet to end its part.
+    /// Whether a writer of the publisher is matched that has yet to end its part, or that has not been heard so far and
+    /// may be one of them.
     pub fn awaits_group(&self, set: &GroupSet) -> bool {
         self.proxies
             .keys()
             .filter(|writer| writer.prefix == set.participant)
-            .filter_map(|writer| self.proxies.get(writer)?.sets.as_ref())
-            .any(|sets| sets.awaits(set))
+            .filter_map(|writer| self.proxies.get(writer))
+            .any(|proxy| proxy.awaits(set))
     }
 
     /// Makes the parts of a set visible.

@@ -169,6 +169,11 @@ impl Reader {
         self.proxies.get(writer).is_some()
     }
 
+    /// Whether samples wait for room, which taking others makes.
+    pub fn is_blocked(&self) -> bool {
+        !self.blocked.is_empty()
+    }
+
     /// The matched writers, in no particular order.
     pub fn matched_writers(&self) -> impl Iterator<Item = Guid> + '_ {
         self.proxies.keys()
@@ -194,7 +199,7 @@ impl Reader {
             sequence: data.sequence,
             timestamp,
             reception: now,
-            inline_qos: data.inline_qos,
+            inline_qos: &data.inline_qos,
             kind: data.kind,
         };
         self.receive(place, &arrival, Payload::Borrowed(data.payload), None);
@@ -234,7 +239,7 @@ impl Reader {
             sequence: data.sequence,
             timestamp: assembled.timestamp,
             reception: now,
-            inline_qos: assembled.inline_qos,
+            inline_qos: &assembled.inline_qos,
             kind: assembled.kind,
         };
         let payload = Payload::Owned(assembled.payload);
@@ -431,7 +436,7 @@ impl Reader {
     fn receive(
         &mut self,
         place: u32,
-        arrival: &Arrival,
+        arrival: &Arrival<'_>,
         payload: Payload<'_>,
         asked: Option<Instant>,
     ) {

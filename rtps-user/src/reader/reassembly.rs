@@ -85,6 +85,8 @@ struct Partial {
     arrived: Instant,
     /// The highest fragment asked for, and when.
     asked: Option<(i64, Instant)>,
+    /// The writer has been told that everything below this fragment is here.
+    told: u32,
 }
 
 impl Reassembly {
@@ -188,6 +190,11 @@ impl Reassembly {
                 sets.into_iter()
                     .map(|missing| Request { sequence, missing }),
             );
+            requests.extend(
+                partial
+                    .progress()
+                    .map(|missing| Request { sequence, missing }),
+            );
             again = [again, later].into_iter().flatten().min();
         }
         (requests, again)
@@ -258,6 +265,7 @@ impl Partial {
             announced: 0,
             arrived: now,
             asked: None,
+            told: 1,
         }
     }
 
@@ -339,6 +347,16 @@ impl Partial {
             payload: Bytes::from(self.buffer),
             asked: self.asked.map(|(_, asked)| asked),
         }
+    }
+
+    /// How far the sample has come, for a writer that announces its fragments, if that is news: it may wait for it.
+    fn progress(&mut self) -> Option<FragmentNumberSet> {
+        let missing = u32::try_from(self.received.first_missing(1)).ok()?;
+        let is_news = self.announced > 0 && missing > self.told;
+        is_news.then(|| {
+            self.told = missing;
+            FragmentNumberSet::nothing(missing)
+        })
     }
 
     /// The fragments to ask for now, within `limit`, and when to ask for others.

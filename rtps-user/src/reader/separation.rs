@@ -97,7 +97,7 @@ impl Cache {
         let Some(change) = self.take_withheld(place) else {
             return;
         };
-        if change.expiry.is_some_and(|at| at <= now) {
+        if change.expiry().is_some_and(|at| at <= now) {
             return;
         }
         let precedents = self.instances[place].precedents.get_or_insert_default();

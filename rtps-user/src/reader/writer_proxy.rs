@@ -6,11 +6,11 @@
 
 use std::net::SocketAddr;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use super::acknack::Responder;
 use super::cache::Cache;
-use super::change::{Arrival, Change, Meaning, Payload};
+use super::change::{Arrival, Change, Meaning, Payload, Terms};
 use super::coherent::{self, CoherentSets};
 use super::events::Events;
 use super::heartbeat_filter::{HeartbeatFilter, MARGIN};
@@ -18,9 +18,9 @@ use super::held::Held;
 use super::liveliness::Lease;
 use super::ranges::Ranges;
 use super::reassembly::Reassembly;
-use super::{ReaderConfig, RejectedReason};
+use super::{GroupSet, ReaderConfig, RejectedReason};
 use crate::RemoteEndpoint;
-use crate::qos::Durability;
+use crate::qos::{Durability, PresentationScope};
 use crate::wire::{Gap, Guid, Heartbeat, SequenceNumber, SequenceNumberSet};
 
 /// What the GUID prefixes of Fast DDS begin with: its vendor id, as RTPS 2.5 section 9.3.1.5 asks for.
@@ -34,15 +34,15 @@ pub(super) struct WriterProxy {
     /// Where its answers go.
     pub(super) destinations: Option<Arc<[SocketAddr]>>,
     pub(super) lease: Lease,
-    lifespan: Option<Duration>,
+    terms: Terms,
     pub(super) reassembly: Reassembly,
     pub(super) responder: Responder,
     pub(super) filter: HeartbeatFilter,
     /// Where the reader has asked for coherent access.
     pub(super) sets: Option<Box<CoherentSets>>,
-    /// Whether the reader cares for coherent sets and groups.
-    has_presentation: bool,
     reliable: bool,
+    /// The writer writes coherent sets together with others.
+    offers_groups: bool,
     /// The writer keeps history for this reader.
     has_past: bool,
     /// The highest number of the first HEARTBEAT: where that history ends.
@@ -76,15 +76,19 @@ impl WriterProxy {
             guid: remote.guid,
             destinations: destinations(remote),
             lease: Lease::new(now, remote.qos.liveliness),
-            lifespan: remote.qos.lifespan.0.to_std(),
+            terms: Terms {
+                lifespan: remote.qos.lifespan.0.to_std(),
+                presents: presentation.coherent || presentation.ordered,
+            },
             reassembly: Reassembly::new(config.max_sample_size, reliable),
             responder: Responder::default(),
             filter: HeartbeatFilter::default(),
             sets: presentation
                 .coherent
                 .then(|| Box::new(CoherentSets::new(remote.guid, SequenceNumber::ZERO))),
-            has_presentation: presentation.coherent || presentation.ordered,
             reliable,
+            offers_groups: remote.qos.presentation.coherent
+                && remote.qos.presentation.scope == PresentationScope::Group,
             has_past: reliable
                 && config.qos.durability != Durability::Volatile
                 && remote.qos.durability != Durability::Volatile,
@@ -108,7 +112,7 @@ impl WriterProxy {
     pub(super) fn update(&mut self, remote: &RemoteEndpoint) {
         self.destinations = destinations(remote);
         self.lease.update(remote.qos.liveliness);
-        self.lifespan = remote.qos.lifespan.0.to_std();
+        self.terms.lifespan = remote.qos.lifespan.0.to_std();
     }
 
     /// Goes on at `next`, with ACKNACKs counted from `count`; 1 or less is no progress to go on from.
@@ -136,6 +140,13 @@ impl WriterProxy {
     /// Whether all has come that the writer had to repeat.
     pub(super) fn has_history(&self) -> bool {
         !self.has_past || (self.heard && self.next > self.past)
+    }
+
+    /// Whether the writer has yet to end its part of a set of its publisher, as far as is known.
+    pub(super) fn awaits(&self, set: &GroupSet) -> bool {
+        let may_take_part = self.reliable && self.offers_groups && !self.heard;
+        let sets = self.sets.as_ref();
+        sets.is_some_and(|sets| may_take_part || sets.awaits(set))
     }
 
     /// The number below which all is dealt with.
@@ -212,7 +223,7 @@ impl WriterProxy {
     pub(super) fn receive(
         &mut self,
         config: &ReaderConfig,
-        arrival: &Arrival,
+        arrival: &Arrival<'_>,
         payload: Payload<'_>,
         cache: &mut Cache,
         events: &mut Events,
@@ -220,27 +231,16 @@ impl WriterProxy {
         self.note_size(payload.as_slice().len());
         match arrival.meaning(config, payload.as_slice()) {
             Meaning::Update(instance) => {
-                let change = arrival.to_change(instance, payload.into_bytes(), self.lifespan);
-                self.accept(self.with_membership(arrival, change), cache, events);
+                let change = arrival.to_change(instance, payload.into_bytes(), &self.terms);
+                self.accept(change, cache, events);
             }
             // It may say that a set has ended, in its turn.
             Meaning::Irrelevant if self.sets.is_some() => {
-                self.accept(
-                    self.with_membership(arrival, arrival.to_void()),
-                    cache,
-                    events,
-                );
+                self.accept(arrival.to_void(&self.terms), cache, events);
             }
             Meaning::Irrelevant => self.skip(arrival.sequence, cache, events),
             Meaning::Malformed => self.lose(arrival.sequence, cache, events),
         }
-    }
-
-    fn with_membership(&self, arrival: &Arrival, mut change: Change) -> Change {
-        if self.has_presentation {
-            change.membership = arrival.membership();
-        }
-        change
     }
 
     /// Deals with a change that has come, but cannot be taken in.
@@ -330,10 +330,11 @@ impl WriterProxy {
         for number in gap.list.iter().filter(|number| *number < believed) {
             self.irrelevant(number, number.next());
         }
-        self.advance(cache, events);
         if is_start && !self.has_past {
-            self.break_sets(self.next, cache, events);
+            // Before what has come already gets its turn: the sets that begin here are whole.
+            self.break_sets(gap.list.base.min(believed), cache, events);
         }
+        self.advance(cache, events);
     }
 
     /// Deals with irrelevant numbers from `start` to below `end`.

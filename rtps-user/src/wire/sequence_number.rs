@@ -208,6 +208,16 @@ impl FragmentNumberSet {
         Self { base, bitmap }
     }
 
+    /// The set without members that says of `base` alone that it is not among them: on the wire a set has at least one
+    /// number that it says something of.
+    pub fn nothing(base: u32) -> Self {
+        let bitmap = Bitmap {
+            len: 1,
+            ..Bitmap::default()
+        };
+        Self { base, bitmap }
+    }
+
     /// The numbers that it says something of: its members, and those between them.
     pub fn span(&self) -> Range<u32> {
         self.base..self.base.saturating_add(self.bitmap.len)

@@ -49,14 +49,19 @@ impl Live {
     }
 
     /// The change in the middle of which the stream is, and the last of its fragments that has been sent, when it is
-    /// time to tell reliable readers.
-    fn fragments_to_announce(&mut self) -> Option<(SequenceNumber, u32)> {
+    /// time to tell reliable readers: after so many fragments, or because they are waited for.
+    fn fragments_to_announce(
+        &mut self,
+        interval: u32,
+        is_waiting: bool,
+    ) -> Option<(SequenceNumber, u32)> {
         let sent = self.position.fragment - 1;
         if sent < self.announced_fragments {
             // Another change.
             self.announced_fragments = 0;
         }
-        if sent - self.announced_fragments < FRAGMENTS_PER_HEARTBEAT {
+        let unannounced = sent - self.announced_fragments;
+        if unannounced < interval && (!is_waiting || unannounced == 0) {
             return None;
         }
         self.announced_fragments = sent;
@@ -108,12 +113,16 @@ impl Writer {
         if let Some(transmit) = self.poll_selected(now, out) {
             return Some(transmit);
         }
-        let layout = self.layout;
+        let layout = self.layout.clone();
         let mut packet = Packet::undirected(out, &layout);
         // While there is more to send, a HEARTBEAT is a datagram of its own, so that those around it stay equally long.
         let is_owed = self.heartbeats.is_due();
         if !is_owed && !self.announce_fragments(now, &mut packet) {
             self.fill_changes(now, &mut packet);
+            if packet.is_empty() {
+                // The window may have closed just now.
+                self.announce_fragments(now, &mut packet);
+            }
         }
         let is_drained = self.live.end() > self.last;
         if self.wants_heartbeat_to_all()
@@ -147,7 +156,10 @@ impl Writer {
         if !self.has_reliable_readers() {
             return false;
         }
-        let Some((sequence, last_fragment)) = self.live.fragments_to_announce() else {
+        let interval = FRAGMENTS_PER_HEARTBEAT.min(self.fragments_in_window() / 2);
+        let is_waiting = self.fragment_window.is_closed();
+        let Some((sequence, last_fragment)) = self.live.fragments_to_announce(interval, is_waiting)
+        else {
             return false;
         };
         packet.heartbeat_frag(sequence, last_fragment, self.heartbeats.next_count(now));
@@ -159,6 +171,10 @@ impl Writer {
         let mut sent = Sent::default();
         let mut ends_with_fragment = false;
         while self.live.end() <= self.last && !self.is_selected_next() {
+            let is_within_change = self.live.position.fragment > 1;
+            if is_within_change && !self.admits_fragment(now) {
+                break;
+            }
             let next = self.history.next_from(self.live.end());
             let sequence = next.map_or_else(|| self.last.next(), |(sequence, _)| sequence);
             if !self.live.skip_removed(sequence, is_reliable, packet) {
@@ -184,6 +200,49 @@ impl Writer {
             sent.flushes = u32::from(is_drained);
             self.handle_sent(now, sent, is_drained && fragmented);
         }
+    }
+
+    /// Whether the next fragment may follow.
+    fn admits_fragment(&mut self, now: Instant) -> bool {
+        let Position { sequence, fragment } = self.live.position;
+        let size = self.fragments_in_window();
+        let can_tell = self.fragment_progress(sequence).is_some();
+        let admits = self
+            .fragment_window
+            .admits(now, (sequence, fragment), size, can_tell);
+        if !admits {
+            self.window.note_wait();
+        }
+        admits
+    }
+
+    /// A reader has told how far it has got with the fragments of a change.
+    pub(super) fn advance_fragments(&mut self, sequence: SequenceNumber) {
+        if let Some(fragment) = self.fragment_progress(sequence) {
+            let size = self.fragments_in_window();
+            self.fragment_window.advance(sequence, fragment, size);
+        }
+    }
+
+    /// A reader wants what has not been sent of a change: it has got all that was.
+    pub(super) fn go_on(&mut self, sequence: SequenceNumber) {
+        if sequence == self.live.end() && self.fragment_window.is_closed() {
+            let fragment = self.live.position.fragment;
+            let size = self.fragments_in_window();
+            self.fragment_window.advance(sequence, fragment, size);
+        }
+    }
+
+    /// The first fragment of a change that a reader lacks; `None` where not all readers tell.
+    fn fragment_progress(&self, sequence: SequenceNumber) -> Option<u32> {
+        let readers = self.readers.values();
+        let progress = readers.map(|proxy| proxy.progress(sequence));
+        progress.reduce(|one, other| Some(one?.min(other?)))?
+    }
+
+    pub(super) fn fragments_in_window(&self) -> u32 {
+        let fragments = self.window.size() / self.layout.fragment_size();
+        u32::try_from(fragments).unwrap_or(u32::MAX).max(2)
     }
 
     fn handle_sent(&mut self, now: Instant, sent: Sent, is_urgent: bool) {

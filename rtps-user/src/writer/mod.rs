@@ -8,6 +8,7 @@ mod coherent;
 mod config;
 mod count;
 mod directed;
+mod fragment_window;
 mod group;
 mod heartbeat;
 mod interest;
@@ -36,9 +37,11 @@ use std::time::Instant;
 
 pub use config::{WriteError, WriterConfig, WriterEvent, WriterTiming};
 pub use group::Group;
+pub use packet::FRAGMENT_OVERHEAD;
 pub use publication::Publication;
 
 use coherent::CoherentSets;
+use fragment_window::FragmentWindow;
 use heartbeat::Heartbeats;
 use lifespan::Expiry;
 use live::Live;
@@ -52,8 +55,9 @@ use selection::Selection;
 use window::Window;
 
 use crate::history::{HistoryCache, NewChange};
+use crate::qos::parameters::write_inline_qos;
 use crate::qos::{Durability, LivelinessKind, Qos};
-use crate::wire::{AckNack, Guid, KeyHash, NackFrag, SequenceNumber};
+use crate::wire::{AckNack, Guid, KeyHash, NackFrag, ParameterWriter, SequenceNumber};
 use crate::{RemoteEndpoint, Transmit};
 
 /// A writer, its history and its proxies of matched readers.
@@ -72,6 +76,7 @@ pub struct Writer {
     /// What all reliable readers have acknowledged; `None` without any.
     lowest_acknowledged: Option<SequenceNumber>,
     window: Window,
+    fragment_window: FragmentWindow,
     /// Changes from here on count in the window; `None` without reliable readers.
     window_base: Option<SequenceNumber>,
     heartbeats: Heartbeats,
@@ -109,6 +114,7 @@ impl Writer {
             layout: Layout::new(config.guid, config.datagram_size, &config.qos),
             heartbeats: Heartbeats::new(config.timing.count_clock),
             window: Window::new(&config.timing),
+            fragment_window: FragmentWindow::new(),
             window_base: None,
             history: HistoryCache::default(),
             last: SequenceNumber::ZERO,
@@ -153,6 +159,7 @@ impl Writer {
         }
         self.dscp = dscp(qos.transport_priority);
         self.config.qos = qos;
+        self.refresh_layout();
     }
 
     /// Goes on where an earlier run of the same writer stopped: with the sequence number `next`, and HEARTBEAT
@@ -203,6 +210,12 @@ impl Writer {
     /// Whether every matched reliable reader has acknowledged the changes up to this one.
     pub fn acknowledged_by_all(&self, sequence: SequenceNumber) -> bool {
         self.acknowledged() >= sequence
+    }
+
+    /// Whether a matched reader has acknowledged the changes up to this one; best-effort readers need not.
+    pub fn is_acknowledged_by(&self, reader: Guid, sequence: SequenceNumber) -> bool {
+        let proxy = self.readers.get(&reader);
+        proxy.is_some_and(|proxy| !proxy.is_reliable() || proxy.base().acknowledged >= sequence)
     }
 
     /// Begins to serve a reader, or takes in new locators of a reader that is served already.
@@ -275,21 +288,29 @@ impl Writer {
 
     /// A reader says which fragments of a change it lacks.
     pub fn handle_nack_frag(&mut self, now: Instant, reader: Guid, nack: &NackFrag) {
-        if let Some(proxy) = self.readers.get_mut(&reader) {
-            let last = nack.missing.iter().last().unwrap_or_default();
-            let is_sent = self.live.has_sent(nack.sequence, last);
-            if is_sent && proxy.handle_nack_frag(now, nack, &self.config.timing) {
-                self.window
-                    .handle_loss(nack.sequence, self.live.untouched());
-                self.refill(reader);
-                self.enqueue(now, reader);
-            }
+        let Some(proxy) = self.readers.get_mut(&reader) else {
+            return;
+        };
+        let Some(last) = nack.missing.iter().last() else {
+            proxy.handle_progress(nack.sequence, nack.missing.base);
+            return self.advance_fragments(nack.sequence);
+        };
+        if !self.live.has_sent(nack.sequence, last) {
+            return self.go_on(nack.sequence);
+        }
+        if proxy.handle_nack_frag(now, nack, &self.config.timing) {
+            self.window
+                .handle_loss(nack.sequence, self.live.untouched());
+            self.refill(reader);
+            self.enqueue(now, reader);
         }
     }
 
     /// Does what is due.
     pub fn handle_timeout(&mut self, now: Instant) {
         self.enqueue_due(now);
+        let size = self.fragments_in_window();
+        self.fragment_window.expire(now, size);
         if self.heartbeats.expire(now) {
             self.remind_readers(now);
         }
@@ -307,6 +328,7 @@ impl Writer {
     pub fn poll_timeout(&self) -> Option<Instant> {
         let timers = [
             self.next_answer,
+            self.fragment_window.deadline(),
             self.heartbeats.deadline(),
             self.expiry.deadline(),
             self.registry
@@ -315,6 +337,11 @@ impl Writer {
             self.lease.deadline(),
         ];
         timers.into_iter().flatten().min()
+    }
+
+    /// All that is written is to be sent now, as there will be no time for it later.
+    pub fn hurry(&mut self) {
+        self.fragment_window.open();
     }
 
     /// Appends the next datagram to `out`, which stays as it is where there is none. To be called until it gives `None`.
@@ -435,8 +462,24 @@ impl Writer {
             .flat_map(ReaderProxy::addresses)
             .collect();
         self.destinations = addresses.into_iter().collect();
+        self.refresh_layout();
         self.refresh_selection();
         self.refresh_acknowledged();
+    }
+
+    /// All readers get inline QoS as soon as one of them expects it, because they share datagrams.
+    fn refresh_layout(&mut self) {
+        let topic = self.readers.values().find_map(ReaderProxy::inline_topic);
+        if topic.is_none() && !self.layout.has_parameters() {
+            return;
+        }
+        let WriterConfig { guid, qos, .. } = &self.config;
+        let layout = Layout::new(*guid, self.config.datagram_size, qos);
+        let mut parameters = Vec::new();
+        if let Some(topic) = topic {
+            write_inline_qos(qos, topic, &mut ParameterWriter::new(&mut parameters));
+        }
+        self.layout = layout.with_parameters(&parameters);
     }
 
     fn refresh_acknowledged(&mut self) {

@@ -39,6 +39,8 @@ pub(super) struct ReaderProxy {
     /// Where it is reached: one address, or none.
     address: Arc<[SocketAddr]>,
     is_reliable: bool,
+    /// The topic, where it expects inline QoS.
+    inline_topic: Option<String>,
     /// The first change that concerns it.
     start: SequenceNumber,
     /// The first change that was sent to all readers while it was among them.
@@ -52,6 +54,8 @@ pub(super) struct ReaderProxy {
     /// Of the last HEARTBEAT that went to it alone.
     pub(super) heartbeat_count: Count,
     answered_at: Option<Instant>,
+    /// The last change of which it told how far it has got, and the first fragment of that which it lacked.
+    progress: Option<(SequenceNumber, u32)>,
     /// Whether it stands in the writer's queue of readers to be sent something.
     pub(super) is_queued: bool,
     pub(super) interest: Interest,
@@ -72,6 +76,7 @@ impl ReaderProxy {
             guid: remote.guid,
             address: first_address(remote),
             is_reliable,
+            inline_topic: inline_topic(remote),
             start,
             live_from,
             acknowledged: start.previous(),
@@ -81,6 +86,7 @@ impl ReaderProxy {
             next_heartbeat: now + timing.heartbeat_period,
             heartbeat_count: Count::default(),
             answered_at: None,
+            progress: None,
             is_queued: false,
             interest: Interest::of(remote),
             outbox: Outbox::default(),
@@ -92,6 +98,7 @@ impl ReaderProxy {
         if self.address.first() != remote.unicast.first() {
             self.address = first_address(remote);
         }
+        self.inline_topic = inline_topic(remote);
     }
 
     pub(super) fn guid(&self) -> Guid {
@@ -108,6 +115,11 @@ impl ReaderProxy {
 
     pub(super) fn is_reliable(&self) -> bool {
         self.is_reliable
+    }
+
+    /// The topic, where the reader expects inline QoS.
+    pub(super) fn inline_topic(&self) -> Option<&str> {
+        self.inline_topic.as_deref()
     }
 
     pub(super) fn start(&self) -> SequenceNumber {
@@ -188,6 +200,17 @@ impl ReaderProxy {
         counts
     }
 
+    /// It has the fragments of a change below `fragment`.
+    pub(super) fn handle_progress(&mut self, sequence: SequenceNumber, fragment: u32) {
+        self.progress = self.progress.max(Some((sequence, fragment)));
+    }
+
+    /// The first fragment of a change that it lacks; `None` where it does not tell such things.
+    pub(super) fn progress(&self, sequence: SequenceNumber) -> Option<u32> {
+        let (told, fragment) = self.progress?;
+        Some(if told == sequence { fragment } else { 1 })
+    }
+
     /// Whether the reader is to be reminded of changes below `end`.
     pub(super) fn lags_behind(&self, end: SequenceNumber) -> bool {
         self.is_reliable && self.acknowledged.next() < end
@@ -214,4 +237,8 @@ impl ReaderProxy {
 
 fn first_address(remote: &RemoteEndpoint) -> Arc<[SocketAddr]> {
     remote.unicast.iter().take(1).copied().collect()
+}
+
+fn inline_topic(remote: &RemoteEndpoint) -> Option<String> {
+    remote.expects_inline_qos.then(|| remote.topic.clone())
 }

@@ -60,6 +60,11 @@ impl Window {
         !self.is_closed
     }
 
+    /// A change alone fills it, and its fragments have to wait.
+    pub(super) fn note_wait(&mut self) {
+        self.was_closed = true;
+    }
+
     /// A reader has lost a change; those from `end` on have not been sent yet.
     pub(super) fn handle_loss(&mut self, lost: SequenceNumber, end: SequenceNumber) {
         if lost >= self.loss_end {

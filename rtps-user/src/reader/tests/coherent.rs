@@ -299,6 +299,7 @@ fn groups() -> (Bench, Bench) {
         .match_writer(benches.1.now, &remote(benches.1.writer, group()));
     for bench in [&mut benches.0, &mut benches.1] {
         bench.reader.stage_groups();
+        bench.heartbeat(1, 0);
         bench.submit(1, end_of_part(1), PayloadKind::None, &[]);
     }
     benches
@@ -339,6 +340,43 @@ fn a_writer_without_part_in_a_set_says_so() {
     assert!(!second.reader.awaits_group(&set));
     second.reader.release_group(&set);
     assert!(second.taken().is_empty());
+}
+
+#[test]
+fn a_writer_that_has_not_been_heard_is_waited_for() {
+    let (mut first, mut second) = groups();
+    second.writer.entity.0[0] = 8;
+    let group = coherent(PresentationScope::Group);
+    let known = remote(second.writer, group);
+    second.reader.match_writer(second.now, &known);
+    first.submit(2, part(2, 3, 3), PayloadKind::Data, b"data");
+    first.submit(3, end_of_part(3), PayloadKind::None, &[]);
+    second.writer.entity.0[0] = 9;
+    second.submit(2, end_of_part(3), PayloadKind::None, &[]);
+    let set = first.reader.staged_groups().next().unwrap();
+    assert!(second.reader.awaits_group(&set));
+    second.writer.entity.0[0] = 8;
+    second.heartbeat(1, 0);
+    assert!(!second.reader.awaits_group(&set), "it is of no group");
+}
+
+#[test]
+fn a_writer_that_has_begun_its_part_is_waited_for() {
+    let (mut first, mut second) = groups();
+    second.writer.entity.0[0] = 8;
+    let known = remote(second.writer, coherent(PresentationScope::Group));
+    second.reader.match_writer(second.now, &known);
+    second.heartbeat(1, 0);
+    second.submit(1, part(1, 3, 4), PayloadKind::Data, b"data");
+    first.submit(2, part(2, 3, 3), PayloadKind::Data, b"data");
+    first.submit(3, end_of_part(3), PayloadKind::None, &[]);
+    second.writer.entity.0[0] = 9;
+    second.submit(2, end_of_part(3), PayloadKind::None, &[]);
+    let set = first.reader.staged_groups().next().unwrap();
+    assert!(second.reader.awaits_group(&set));
+    second.writer.entity.0[0] = 8;
+    second.submit(2, end_of_part(3), PayloadKind::None, &[]);
+    assert!(!second.reader.awaits_group(&set));
 }
 
 #[test]

@@ -254,7 +254,16 @@ fn a_heartbeat_frag_tells_which_fragments_are_there() {
     assert_eq!(bench.answers(), []);
     bench.part(1, 1, &whole);
     bench.heartbeat_frag(1, 3);
-    assert_eq!(bench.answers(), [Answer::NackFrag(1, vec![2, 3], 1)]);
+    let all_below = |count| Answer::NackFrag(1, Vec::new(), count);
+    assert_eq!(
+        bench.answers(),
+        [Answer::NackFrag(1, vec![2, 3], 1), all_below(2)]
+    );
+    bench.part(1, 2, &whole);
+    bench.part(1, 3, &whole);
+    assert_eq!(bench.answers(), [all_below(3)], "the repairs have come");
+    bench.heartbeat_frag(1, 3);
+    assert_eq!(bench.answers(), [], "no news");
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Readers in virtual time, fed with submessages made by hand.
 
 mod acknack;
+mod any_policy;
 mod best_effort;
 mod cache;
 mod coherent;

@@ -110,7 +110,8 @@ fn losses_narrow_the_window_and_deliveries_widen_it() {
         bench.acknack(1, bench.writer.last_sequence().next().0, &[]);
         last = bench.write_all();
     }
-    assert_eq!(last, (1 << 20) / 1000 + 1);
+    let largest = WriterTiming::default().max_unacknowledged_bytes;
+    assert_eq!(last, largest / 1000 + 1);
 }
 
 #[test]
@@ -180,4 +181,21 @@ fn the_smallest_window_still_lets_everything_through() {
     let lines = bench.pass(Duration::from_millis(100));
     let repeated = |number| format!("DATA {number} to 1");
     assert!((1..=3).all(|number| lines.contains(&repeated(number))));
+}
+
+#[test]
+fn what_one_reader_has_acknowledged_is_known() {
+    let mut bench = Bench::new(reliable(Durability::Volatile));
+    for number in [1, 2] {
+        bench.match_reader(number, 7411, reliable(Durability::Volatile));
+    }
+    bench.match_reader(3, 7411, Qos::default());
+    bench.write(8);
+    bench.lines();
+    bench.acknack(1, 2, &[]);
+    let has = [1, 2, 3, 4].map(|number| {
+        let reader = reader_guid(number);
+        bench.writer.is_acknowledged_by(reader, SequenceNumber(1))
+    });
+    assert_eq!(has, [true, false, true, false]);
 }
