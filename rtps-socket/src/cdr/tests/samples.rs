@@ -1,4 +1,7 @@
 //! Samples are those that Cyclone DDS sends of the same values: `cyclone/values.idl` says how.
+//!
+//! Those of Fast DDS were written with Fast-CDR 2.3.3 (it is in PyPI's ros-fastcdr), each type by the calls that
+//! Fast DDS-Gen makes of its IDL. Where final types, and appendable ones in XCDR2, have but one, both write the same.
 
 use super::{hex, payload_of};
 use crate::DdsType;
@@ -119,8 +122,9 @@ fn assert_sample<T: DdsType + PartialEq + std::fmt::Debug>(
     let mut sample = hex(sample);
     assert_eq!(from_payload::<T>(&sample).as_ref(), Ok(value));
     let payload = payload_of(value, representation);
-    // Where the padding at the end is counted in the options is optional before XTypes 1.3.
+    // The padding at the end, and its count in the options, are left out by one or the other.
     sample[3] = payload[3];
+    sample.resize(payload.len(), 0);
     assert_eq!(payload, sample);
 }
 
@@ -132,7 +136,13 @@ fn final_types() {
 
 #[test]
 fn appendable_types() {
-    let value = Appendable {
+    let value = appendable();
+    assert_sample(&value, Representation::Xcdr2, APPENDABLE_XCDR2);
+    assert_sample(&value, Representation::Xcdr1, APPENDABLE_XCDR1_FAST_DDS);
+}
+
+fn appendable() -> Appendable {
+    Appendable {
         byte: 1,
         body: plain(),
         p: points().remove(0),
@@ -140,13 +150,29 @@ fn appendable_types() {
         maybe: Some(9),
         absent: None,
         picked: Choice::Text("picked".to_owned()),
-    };
-    assert_sample(&value, Representation::Xcdr2, APPENDABLE_XCDR2);
+    }
 }
 
 #[test]
 fn mutable_types() {
-    let value = Mutable {
+    let value = mutable();
+    assert_sample(&value, Representation::Xcdr2, MUTABLE_XCDR2);
+    // The size of a nested type's DHEADER may serve as the member's as well.
+    assert_eq!(
+        from_payload(&hex(MUTABLE_XCDR2_FAST_DDS)).as_ref(),
+        Ok(&value)
+    );
+    // Keys and the end of the list must be understood, which Fast DDS does not say.
+    let mut sample = hex(MUTABLE_XCDR1_FAST_DDS);
+    assert_eq!(from_payload(&sample).as_ref(), Ok(&value));
+    let end = sample.len() - 3;
+    sample[5] |= 0x40;
+    sample[end] |= 0x40;
+    assert_eq!(payload_of(&value, Representation::Xcdr1), sample);
+}
+
+fn mutable() -> Mutable {
+    Mutable {
         id_key: -8,
         s: 5,
         ll: -6,
@@ -161,8 +187,7 @@ fn mutable_types() {
         picked: Choice::Text("picked".to_owned()),
         small_array: [1, 2, 3],
         tint: Color::Green,
-    };
-    assert_sample(&value, Representation::Xcdr2, MUTABLE_XCDR2);
+    }
 }
 
 const PLAIN_XCDR1: &str = "\
@@ -195,3 +220,27 @@ const MUTABLE_XCDR2: &str = "\
     1a0000000200000006000000030000000400000006000000fbfffffffaff00001100003000000000 \
     00000c4012000040130000000f00000001000000070000007069636b656400001300004003000000 \
     010203001400002001000000";
+
+const APPENDABLE_XCDR1_FAST_DDS: &str = "\
+    0001000001017807feff000008070605040302010000c03f0000000000000000000002c005000000 \
+    6e616d65000000000600000073686f727400000003000000ffff0200030000000200000004000000 \
+    6f6e6500010000000000000001000000020000000300000004000000050000000600000001000000 \
+    00000000000000000000e03f0200000000000000000000000000f8bf020000000200000001000000 \
+    00000000000000000000e03f0200000000000000000000000000f8bf030000000400000002000000 \
+    0300000004000000fbfffffffaff000004000400090000000500000001000000070000007069636b \
+    656400";
+
+const MUTABLE_XCDR1_FAST_DDS: &str = "\
+    0003000007000400f8ffffff080002000500000009000800faffffffffffffff0a00090005000000 \
+    74657874000000000b00070003000000010203000c000c000200000004000000050000000d001000 \
+    0100000000000000000000000000c03f0e000600fbfffffffaff00000f0012000200000003000000 \
+    04000000fbfffffffaff0000110008000000000000000c4012000f0001000000070000007069636b \
+    6564000013000300010203001400040001000000023f0000";
+
+const MUTABLE_XCDR2_FAST_DDS: &str = "\
+    000b0000c400000007000020f8ffffff080000100500000009000030faffffffffffffff0a000050 \
+    0500000074657874000000000b00005003000000010203000c000060020000000400000005000000 \
+    0d00007001000000000000000000c03f0e00005006000000fbfffffffaff00000f0000501a000000 \
+    0200000006000000030000000400000006000000fbfffffffaff0000110000300000000000000c40 \
+    120000500f00000001000000070000007069636b6564000013000040030000000102030014000020 \
+    01000000";
