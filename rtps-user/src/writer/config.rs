@@ -59,7 +59,8 @@ impl Default for WriterTiming {
             nack_response_delay: Duration::ZERO,
             nack_suppression: Duration::from_millis(2),
             nack_suppression_max: Duration::from_millis(100),
-            max_unacknowledged_bytes: 1 << 20,
+            // What a kernel ring of 1 MiB holds of it in records of single datagrams.
+            max_unacknowledged_bytes: 640 << 10,
             min_unacknowledged_bytes: 64 << 10,
             count_clock: None,
         }

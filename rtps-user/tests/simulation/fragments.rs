@@ -72,7 +72,7 @@ fn late_joiners_get_large_samples_between_small_ones() {
     for seed in seeds(3) {
         let (mut network, writer, _) = pair(Conditions::AWFUL, seed);
         for number in 1..=30 {
-            let size = if number % 5 == 0 { 50_000 } else { 50 };
+            let size = if number % 5 == 0 { 25_000 } else { 50 };
             network.write(writer, sample(number, 0, size)).unwrap();
         }
         let late = network.add_reader(EntityKind::ReaderNoKey, durable());
