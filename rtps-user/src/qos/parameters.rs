@@ -166,6 +166,28 @@ pub(crate) fn write_qos(qos: &Qos, writer: bool, list: &mut ParameterWriter<'_>)
     }
 }
 
+/// Writes what each sample says to readers that expect inline QoS (RTPS 2.5 section 8.7.2.1, table): the topic, and the
+/// policies of its writer that a reader acts on.
+pub(crate) fn write_inline_qos(qos: &Qos, topic: &str, list: &mut ParameterWriter<'_>) {
+    let Qos {
+        history,
+        resource_limits,
+        durability_service,
+        ..
+    } = Qos::default();
+    let inline = Qos {
+        history,
+        resource_limits,
+        durability_service,
+        user_data: Vec::new(),
+        topic_data: Vec::new(),
+        group_data: Vec::new(),
+        ..qos.clone()
+    };
+    list.parameter(ParameterId::TOPIC_NAME, |out| write_string(topic, out));
+    write_qos(&inline, true, list);
+}
+
 fn write_of_writer(qos: &Qos, default: &Qos, list: &mut ParameterWriter<'_>) {
     if qos.durability_service != default.durability_service {
         write_durability_service(&qos.durability_service, list);

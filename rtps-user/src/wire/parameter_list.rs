@@ -12,6 +12,8 @@ impl ParameterId {
     pub const PAD: Self = Self(0x0000);
     /// Ends a list.
     pub const SENTINEL: Self = Self(0x0001);
+    /// PID_TOPIC_NAME.
+    pub const TOPIC_NAME: Self = Self(0x0005);
     /// PID_LIFESPAN.
     pub const LIFESPAN: Self = Self(0x002b);
     /// PID_COHERENT_SET.

@@ -13,6 +13,8 @@ pub struct MessageWriter<'a> {
     out: &'a mut Vec<u8>,
     /// Where the message begins in the buffer.
     start: usize,
+    /// Inline QoS of each DATA and DATA_FRAG beside their own, without sentinel.
+    parameters: &'a [u8],
 }
 
 /// Fragments of a change, to be cut out of the whole payload.
@@ -41,12 +43,26 @@ impl<'a> MessageWriter<'a> {
     pub fn new(out: &'a mut Vec<u8>, prefix: GuidPrefix) -> Self {
         let start = out.len();
         Header::encode(prefix, out);
-        Self { out, start }
+        Self {
+            out,
+            start,
+            parameters: &[],
+        }
     }
 
     /// Goes on with the message that begins at the start of `out`.
     pub fn resume(out: &'a mut Vec<u8>) -> Self {
-        Self { out, start: 0 }
+        Self {
+            out,
+            start: 0,
+            parameters: &[],
+        }
+    }
+
+    /// With parameters, written already and without sentinel, for the inline QoS of each DATA and DATA_FRAG.
+    #[must_use]
+    pub fn with_parameters(self, parameters: &'a [u8]) -> Self {
+        Self { parameters, ..self }
     }
 
     /// Bytes of the message so far.
@@ -78,7 +94,9 @@ impl<'a> MessageWriter<'a> {
 
     /// DATA.
     pub fn data(&mut self, data: &Data<'_>) {
-        self.submessage(SubmessageKind::DATA, data.flags(), |out| data.encode(out));
+        let more = self.parameters;
+        let flags = data.flags(!more.is_empty());
+        self.submessage(SubmessageKind::DATA, flags, |out| data.encode(more, out));
     }
 
     /// DATA_FRAG with one fragment; nothing where the sample has no such fragment.
@@ -109,8 +127,10 @@ impl<'a> MessageWriter<'a> {
             kind: fragment.kind,
             payload,
         };
-        self.submessage(SubmessageKind::DATA_FRAG, data.flags(), |out| {
-            data.encode(out)
+        let more = self.parameters;
+        let flags = data.flags(!more.is_empty());
+        self.submessage(SubmessageKind::DATA_FRAG, flags, |out| {
+            data.encode(more, out)
         });
     }
 

@@ -124,7 +124,7 @@ impl Writer {
             end: self.live.end(),
             interest: &proxy.interest,
         };
-        let layout = self.layout;
+        let layout = self.layout.clone();
         let mut packet = Packet::directed(out, &layout, reader);
         let timing = &self.config.timing;
         let is_filled = proxy.outbox.fill(now, &source, timing, &mut packet);

@@ -113,7 +113,7 @@ impl Writer {
         if let Some(transmit) = self.poll_selected(now, out) {
             return Some(transmit);
         }
-        let layout = self.layout;
+        let layout = self.layout.clone();
         let mut packet = Packet::undirected(out, &layout);
         // While there is more to send, a HEARTBEAT is a datagram of its own, so that those around it stay equally long.
         let is_owed = self.heartbeats.is_due();
@@ -171,8 +171,7 @@ impl Writer {
         let mut sent = Sent::default();
         let mut ends_with_fragment = false;
         while self.live.end() <= self.last && !self.is_selected_next() {
-            let is_within_change = self.live.position.fragment > 1;
-            if is_within_change && !self.admits_fragment(now) {
+            if self.live.is_in_change() && !self.admits_fragment(now) {
                 break;
             }
             let next = self.history.next_from(self.live.end());

@@ -1,5 +1,7 @@
 //! One datagram of a writer: submessages are appended as long as they fit.
 
+use std::sync::Arc;
+
 use crate::history::{CacheChange, Membership};
 use crate::qos::{PresentationScope, Qos};
 use crate::wire::{
@@ -28,7 +30,7 @@ const DATA_FRAG_LEN: usize = 4 + 32;
 pub const FRAGMENT_OVERHEAD: usize = Layout::before_payload(DATA_FRAG_LEN + INLINE_QOS_LEN);
 
 /// How a writer's changes are laid out in datagrams; the same for all readers, because fragments must be.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Layout {
     writer: Guid,
     datagram: usize,
@@ -36,6 +38,8 @@ pub(super) struct Layout {
     /// The most bytes that the inline QoS of a change with a payload take.
     inline_qos: usize,
     heartbeat: usize,
+    /// What readers that expect inline QoS want with each change.
+    parameters: Option<Arc<[u8]>>,
 }
 
 impl Layout {
@@ -50,14 +54,44 @@ impl Layout {
         let is_group = qos.presentation.scope == PresentationScope::Group;
         let has_membership = qos.presentation.coherent || is_group;
         let inline_qos = INLINE_QOS_LEN + usize::from(has_membership) * Membership::MAX_LEN;
-        let room = datagram - Self::before_payload(DATA_FRAG_LEN + inline_qos);
         Self {
             writer,
             datagram,
-            fragment: (room - room % 4) as u16,
+            fragment: Self::fragment_in(datagram, inline_qos),
             inline_qos,
             heartbeat: HEARTBEAT_LEN + usize::from(is_group) * HEARTBEAT_GROUP_LEN,
+            parameters: None,
         }
+    }
+
+    /// The same with `parameters` for the inline QoS of each change; without them where they would leave too little of a
+    /// datagram. Fragments get another size then, so that what a reader has of a change is worth nothing any more.
+    pub(super) fn with_parameters(self, parameters: &[u8]) -> Self {
+        let inline_qos = self.inline_qos + parameters.len();
+        let before = Self::before_payload(DATA_FRAG_LEN + inline_qos);
+        if parameters.is_empty() || before > self.datagram * 3 / 4 {
+            return self;
+        }
+        Self {
+            fragment: Self::fragment_in(self.datagram, inline_qos),
+            inline_qos,
+            parameters: Some(parameters.into()),
+            ..self
+        }
+    }
+
+    /// Whether changes carry parameters.
+    pub(super) fn has_parameters(&self) -> bool {
+        self.parameters.is_some()
+    }
+
+    fn fragment_in(datagram: usize, inline_qos: usize) -> u16 {
+        let room = datagram - Self::before_payload(DATA_FRAG_LEN + inline_qos);
+        (room - room % 4) as u16
+    }
+
+    fn parameters(&self) -> &[u8] {
+        self.parameters.as_deref().unwrap_or_default()
     }
 
     /// Bytes of a datagram before the payload of its only DATA or DATA_FRAG, which has so many itself.
@@ -103,7 +137,8 @@ impl Layout {
 
     /// Bytes of a change's DATA.
     fn data_len(&self, change: &CacheChange) -> usize {
-        let inline_qos = self.inline_qos(change).encoded_len();
+        let more = self.parameters().len();
+        let inline_qos = self.inline_qos(change).encoded_len(more);
         DATA_LEN + inline_qos + change.payload.len().next_multiple_of(4)
     }
 
@@ -149,6 +184,7 @@ impl<'a> Packet<'a> {
     /// For every reader at its destinations.
     pub(super) fn undirected(out: &'a mut Vec<u8>, layout: &'a Layout) -> Self {
         let message = MessageWriter::new(out, layout.writer.prefix);
+        let message = message.with_parameters(layout.parameters());
         Self {
             prologue: message.len(),
             message,
@@ -160,7 +196,8 @@ impl<'a> Packet<'a> {
 
     /// For one reader.
     pub(super) fn directed(out: &'a mut Vec<u8>, layout: &'a Layout, reader: Guid) -> Self {
-        let mut message = MessageWriter::new(out, layout.writer.prefix);
+        let message = MessageWriter::new(out, layout.writer.prefix);
+        let mut message = message.with_parameters(layout.parameters());
         message.info_destination(reader.prefix);
         Self {
             prologue: message.len(),
@@ -356,12 +393,20 @@ mod tests {
     fn no_datagram_exceeds_its_size() {
         for size in [0, 256, 511, 1472, 65_507, usize::MAX] {
             let layout = Layout::new(WRITER, size, &Qos::default());
-            for bytes in (0..3000).chain([65_000, 65_400, 65_507, 200_001]) {
-                for kind in [ChangeKind::Alive, ChangeKind::DisposedUnregistered] {
-                    let lengths = datagrams(&layout, kind, bytes);
-                    assert!(lengths.iter().all(|length| *length <= layout.datagram));
-                    assert_eq!(lengths.len() > 1, layout.is_fragmented(bytes), "{bytes}");
-                }
+            assert_sizes(&layout, (0..3000).chain([65_000, 65_400, 65_507, 200_001]));
+            for parameters in [4, 40, 400, 4000] {
+                let layout = layout.clone().with_parameters(&vec![0; parameters]);
+                assert_sizes(&layout, (0..3000).step_by(97).chain([65_400]));
+            }
+        }
+    }
+
+    fn assert_sizes(layout: &Layout, payloads: impl Iterator<Item = usize>) {
+        for bytes in payloads {
+            for kind in [ChangeKind::Alive, ChangeKind::DisposedUnregistered] {
+                let lengths = datagrams(layout, kind, bytes);
+                assert!(lengths.iter().all(|length| *length <= layout.datagram));
+                assert_eq!(lengths.len() > 1, layout.is_fragmented(bytes), "{bytes}");
             }
         }
     }

@@ -39,6 +39,8 @@ pub(super) struct ReaderProxy {
     /// Where it is reached: one address, or none.
     address: Arc<[SocketAddr]>,
     is_reliable: bool,
+    /// The topic, where it expects inline QoS.
+    inline_topic: Option<String>,
     /// The first change that concerns it.
     start: SequenceNumber,
     /// The first change that was sent to all readers while it was among them.
@@ -74,6 +76,7 @@ impl ReaderProxy {
             guid: remote.guid,
             address: first_address(remote),
             is_reliable,
+            inline_topic: inline_topic(remote),
             start,
             live_from,
             acknowledged: start.previous(),
@@ -95,6 +98,7 @@ impl ReaderProxy {
         if self.address.first() != remote.unicast.first() {
             self.address = first_address(remote);
         }
+        self.inline_topic = inline_topic(remote);
     }
 
     pub(super) fn guid(&self) -> Guid {
@@ -111,6 +115,11 @@ impl ReaderProxy {
 
     pub(super) fn is_reliable(&self) -> bool {
         self.is_reliable
+    }
+
+    /// The topic, where the reader expects inline QoS.
+    pub(super) fn inline_topic(&self) -> Option<&str> {
+        self.inline_topic.as_deref()
     }
 
     pub(super) fn start(&self) -> SequenceNumber {
@@ -228,4 +237,8 @@ impl ReaderProxy {
 
 fn first_address(remote: &RemoteEndpoint) -> Arc<[SocketAddr]> {
     remote.unicast.iter().take(1).copied().collect()
+}
+
+fn inline_topic(remote: &RemoteEndpoint) -> Option<String> {
+    remote.expects_inline_qos.then(|| remote.topic.clone())
 }

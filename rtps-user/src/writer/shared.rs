@@ -81,7 +81,7 @@ impl Writer {
         shared: &Shared,
         out: &mut Vec<u8>,
     ) -> Option<Transmit> {
-        let layout = self.layout;
+        let layout = self.layout.clone();
         let mut packet = Packet::undirected(out, &layout);
         for sequence in &shared.changes {
             let before = packet.len();

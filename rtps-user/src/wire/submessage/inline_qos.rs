@@ -81,10 +81,10 @@ impl InlineQos {
         *self == Self::default()
     }
 
-    /// Bytes of the list with its sentinel; 0 where there is nothing to write.
-    pub fn encoded_len(&self) -> usize {
+    /// Bytes of the list with its sentinel and `more` bytes of other parameters; 0 where there is nothing to write.
+    pub fn encoded_len(&self, more: usize) -> usize {
         const HEADER: usize = 4;
-        if self.is_empty() {
+        if self.is_empty() && more == 0 {
             return 0;
         }
         let numbers = [
@@ -94,6 +94,7 @@ impl InlineQos {
         ];
         let numbers = numbers.iter().flatten().count();
         HEADER
+            + more
             + usize::from(self.key_hash.is_some()) * (HEADER + 16)
             + usize::from(self.status != StatusInfo::default()) * (HEADER + 4)
             + numbers * (HEADER + 8)
@@ -135,8 +136,13 @@ impl InlineQos {
         Ok(())
     }
 
-    /// Writes the list with its sentinel.
-    pub(in crate::wire) fn encode(&self, out: &mut Vec<u8>) {
+    /// Writes the list with its sentinel, and with it parameters that have been written already; nothing where there are
+    /// none.
+    pub(in crate::wire) fn encode(&self, more: &[u8], out: &mut Vec<u8>) {
+        if self.is_empty() && more.is_empty() {
+            return;
+        }
+        out.extend_from_slice(more);
         let mut list = ParameterWriter::new(out);
         if let Some(KeyHash(hash)) = self.key_hash {
             list.parameter(ParameterId::KEY_HASH, |value| {
@@ -196,9 +202,9 @@ mod tests {
         };
         for qos in [all, some] {
             let mut out = Vec::new();
-            qos.encode(&mut out);
-            assert_eq!(qos.encoded_len(), out.len());
+            qos.encode(&[], &mut out);
+            assert_eq!(qos.encoded_len(0), out.len());
         }
-        assert_eq!(InlineQos::default().encoded_len(), 0);
+        assert_eq!(InlineQos::default().encoded_len(0), 0);
     }
 }

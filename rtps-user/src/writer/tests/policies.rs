@@ -321,3 +321,58 @@ fn a_manual_writer_is_alive_as_long_as_it_writes() {
         assert!(lost(&mut bench));
     }
 }
+
+#[test]
+fn readers_that_expect_inline_qos_get_them() {
+    let mut bench = Bench::new(Qos {
+        lifespan: lifespan(SECOND),
+        ..reliable(Durability::Volatile)
+    });
+    let remote = |number, expects_inline_qos| RemoteEndpoint {
+        expects_inline_qos,
+        ..Bench::remote(number, 7411, reliable(Durability::Volatile))
+    };
+    bench.writer.match_reader(bench.now, &remote(1, false));
+    bench.writer.match_reader(bench.now, &remote(2, true));
+    let lifespans = |bench: &mut Bench| {
+        bench.write(8);
+        bench.write(3000);
+        let sent = bench.sent_as(|submessage| match submessage {
+            Submessage::Data(data) => Some(data.inline_qos.lifespan),
+            Submessage::DataFrag(data) => Some(data.inline_qos.lifespan),
+            _ => None,
+        });
+        let all = sent.into_iter().flat_map(|(_, lifespans)| lifespans);
+        all.flatten().collect::<Vec<_>>()
+    };
+    assert_eq!(lifespans(&mut bench), [Some(lifespan(SECOND).0); 4]);
+    bench.writer.set_qos(Qos {
+        lifespan: lifespan(2 * SECOND),
+        ..reliable(Durability::Volatile)
+    });
+    assert_eq!(lifespans(&mut bench), [Some(lifespan(2 * SECOND).0); 4]);
+    bench.writer.unmatch_reader(reader_guid(2));
+    assert_eq!(lifespans(&mut bench), [None; 4]);
+}
+
+#[test]
+fn inline_qos_name_the_topic_and_the_policies_that_matter() {
+    let mut bench = Bench::new(Qos {
+        deadline: deadline(SECOND),
+        user_data: vec![7; 1000],
+        ..Qos::default()
+    });
+    let remote = RemoteEndpoint {
+        expects_inline_qos: true,
+        topic: "Square".to_owned(),
+        ..Bench::remote(1, 7411, Qos::default())
+    };
+    bench.writer.match_reader(bench.now, &remote);
+    bench.write(8);
+    let mut out = Vec::new();
+    bench.writer.poll_transmit(bench.now, &mut out).unwrap();
+    let has = |bytes: &[u8]| out.windows(bytes.len()).any(|window| window == bytes);
+    assert!(has(b"Square\0"));
+    assert!(has(&[0x23, 0, 8, 0, 1, 0, 0, 0, 0, 0, 0, 0]), "DEADLINE");
+    assert!(!has(&[7; 16]), "USER_DATA");
+}
