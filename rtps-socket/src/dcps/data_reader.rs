@@ -32,7 +32,7 @@ impl<T: DdsType> DataReader<T> {
         mut template: Template,
         filter: Option<&Filter>,
     ) -> Result<Self, CreateError> {
-        template.types = T::type_support();
+        template.describe::<T>();
         if let Some(filter) = filter {
             let (announced, payloads) = filter.current();
             template.content_filter = Some(announced);

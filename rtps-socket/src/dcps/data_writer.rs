@@ -41,7 +41,7 @@ impl<T: DdsType> DataWriter<T> {
             Some(DataRepresentation::Xcdr2) => Representation::Xcdr2,
             Some(DataRepresentation::Xml) => return Err(CreateError::UnsupportedRepresentation),
         };
-        template.types = T::type_support();
+        template.describe::<T>();
         template.make_filter = Some(announced_filter::<T>);
         Ok(Self {
             writer: socket.create_writer_of(template, T::HAS_KEY)?,

@@ -8,19 +8,25 @@ use rtps_user::wire::{EntityId, EntityKind};
 use rtps_user::xtypes::TypeSupport;
 
 use super::Group;
+use crate::cdr::DdsType;
 use crate::driver::{Declaration, Inherits, MakeFilter};
 use crate::error::CreateError;
 use crate::filter::PayloadFilter;
 use crate::link::encode;
 use crate::qos::policies;
 
+/// Bytes of the largest description of a type, so that there is room for the policies beside it.
+const MAX_TYPE: usize = MAX_PROTOCOL_MESSAGE / 4;
+
 /// See the module.
 #[derive(Clone)]
 pub(crate) struct Template {
     pub(crate) topic: String,
     pub(crate) type_name: String,
-    /// What others are told of the type; may be nothing.
-    pub(crate) types: TypeSupport,
+    /// TypeInformation, serialized; may be empty.
+    pub(crate) type_information: Vec<u8>,
+    /// TypeMapping, serialized: the TypeObjects that the TypeInformation names.
+    pub(crate) type_objects: Vec<u8>,
     /// What a reader wants of its topic, if not all.
     pub(crate) content_filter: Option<ContentFilter>,
     /// The same, for the reader itself.
@@ -41,7 +47,8 @@ impl Template {
         Self {
             topic: topic.to_owned(),
             type_name: type_name.to_owned(),
-            types: TypeSupport::default(),
+            type_information: Vec::new(),
+            type_objects: Vec::new(),
             content_filter: None,
             payload_filter: None,
             make_filter: None,
@@ -49,6 +56,20 @@ impl Template {
             group: None,
             inherits: Inherits::default(),
             is_enabled: true,
+        }
+    }
+
+    /// Says what the type is, unless that takes too much for the layer to be told.
+    pub(crate) fn describe<T: DdsType>(&mut self) {
+        let support = T::type_support();
+        if support.information.len() + support.objects.len() <= MAX_TYPE {
+            self.type_information = support.information;
+            self.type_objects = support.objects;
+        } else {
+            tracing::warn!(
+                "type {} is too large to be described: others know its name alone",
+                T::TYPE_NAME
+            );
         }
     }
 
@@ -79,8 +100,8 @@ impl Template {
             entity,
             topic: self.topic.clone(),
             type_name: self.type_name.clone(),
-            type_information: self.types.information.clone(),
-            type_objects: self.types.objects.clone(),
+            type_information: self.type_information.clone(),
+            type_objects: self.type_objects.clone(),
             content_filter: self.content_filter.clone(),
             qos: self.qos.clone(),
         }

@@ -16,7 +16,9 @@ pub(super) enum Access {
 }
 
 impl Reader {
-    /// Takes up to `max` samples in the order of arrival; makes room for samples that could not be accepted.
+    /// Takes up to `max` samples in the order of arrival; makes room for samples that could not be accepted. A reader
+    /// with coherent or ordered access of INSTANCE scope gets those of each instance in a row (DDS 1.4 section
+    /// 2.2.2.5.3.8).
     pub fn take(&mut self, max: usize, selection: &Selection) -> Vec<Sample> {
         let samples = self.cache.collect(max, selection, Access::Take);
         self.taken(&samples);
@@ -80,6 +82,9 @@ impl Cache {
 
     /// Hands out samples by their places; makes these the room for those of the next time.
     pub(super) fn hand_out(&mut self, mut chosen: Vec<u32>, access: Access) -> Vec<Sample> {
+        if self.groups_instances && chosen.len() > 1 {
+            self.group_by_instance(&mut chosen);
+        }
         let mut samples: Vec<Sample> = chosen
             .iter()
             .map(|place| self.sample(*place, access))
@@ -92,6 +97,27 @@ impl Cache {
         }
         self.chosen = chosen;
         samples
+    }
+
+    /// Brings samples of one instance together, in the order of the first ones.
+    fn group_by_instance(&mut self, chosen: &mut [u32]) {
+        let mut count = 0;
+        for place in chosen.iter() {
+            let instance = &mut self.instances[self.entries.get(*place).instance];
+            if instance.collected.0 == 0 {
+                count += 1;
+                instance.collected.0 = count;
+            }
+        }
+        chosen.sort_by_key(|place| {
+            self.instances[self.entries.get(*place).instance]
+                .collected
+                .0
+        });
+        for place in chosen.iter() {
+            let instance = self.entries.get(*place).instance;
+            self.instances[instance].collected = (0, 0);
+        }
     }
 
     /// Takes the first sample that `selection` selects.

@@ -19,7 +19,7 @@ use super::rules::Rules;
 use super::timers::Timers;
 use super::{InstanceState, ReaderConfig, ReaderEvent};
 use crate::deadline::Deadlines;
-use crate::qos::{Ownership, Qos};
+use crate::qos::{Ownership, Presentation, PresentationScope, Qos};
 use crate::table::Table;
 use crate::wire::{Guid, KeyHash, StatusInfo};
 
@@ -45,6 +45,8 @@ pub(super) struct Cache {
     pub(super) groups: Option<Groups>,
     /// Whether a content filter keeps samples out, so that there are instances that nothing is known of.
     pub(super) is_filtered: bool,
+    /// Whether samples that are handed out together are in the order of their instances first (PRESENTATION).
+    pub(super) groups_instances: bool,
     /// Samples that have come before so many others are visible.
     pub(super) horizon: u64,
     /// The instances with samples, by their keys, once somebody walks over them.
@@ -60,6 +62,12 @@ fn is_timed(qos: &Qos) -> bool {
         || !lifecycle.autopurge_nowriter_samples_delay.is_infinite()
         || !lifecycle.autopurge_disposed_samples_delay.is_infinite()
         || qos.time_based_filter.0 != crate::wire::Duration::ZERO
+}
+
+/// INSTANCE scope is the default, too; only who asks for a kind of access means it.
+fn groups_instances(presentation: Presentation) -> bool {
+    let is_asked_for = presentation.coherent || presentation.ordered;
+    is_asked_for && presentation.scope == PresentationScope::Instance
 }
 
 impl Cache {
@@ -82,6 +90,7 @@ impl Cache {
             staged: 0,
             groups: None,
             is_filtered: config.content_filter.is_some(),
+            groups_instances: groups_instances(qos.presentation),
             horizon: u64::MAX,
             walked: None,
             chosen: Vec::new(),

@@ -130,7 +130,9 @@ impl CoherentSets {
 
     /// Whether it has yet to end its part of a set.
     pub(super) fn awaits(&self, set: &GroupSet) -> bool {
-        self.group.is_some() && self.group == set.writers && self.ended < set.first
+        let has_begun = |open: &OpenSet| open.group_first == Some(set.first);
+        let is_of_group = self.group.is_some() && self.group == set.writers;
+        self.open.as_ref().is_some_and(has_begun) || (is_of_group && self.ended < set.first)
     }
 
     fn admit_member(

@@ -1,7 +1,7 @@
 //! Instances, HISTORY, RESOURCE_LIMITS, and what applications see of them.
 
 use super::*;
-use crate::qos::{History, ResourceLimits};
+use crate::qos::{History, Presentation, PresentationScope, ResourceLimits};
 
 fn keep_last(depth: u32) -> Qos {
     Qos {
@@ -357,4 +357,28 @@ fn taking_one_makes_room_for_what_waits() {
     assert_eq!(take(&mut bench), Some(1));
     assert_eq!(take(&mut bench), Some(2));
     assert_eq!(take(&mut bench), None);
+}
+
+#[test]
+fn instances_can_be_kept_together() {
+    for (scope, expected) in [
+        (PresentationScope::Instance, [1, 3, 2, 4]),
+        (PresentationScope::Topic, [1, 2, 3, 4]),
+    ] {
+        let mut bench = bench(Qos {
+            presentation: Presentation {
+                scope,
+                coherent: false,
+                ordered: true,
+            },
+            ..reliable()
+        });
+        for (sequence, instance) in [(1, 7), (2, 5), (3, 7), (4, 5)] {
+            bench.sample(sequence, key(instance), ALIVE, b"data");
+        }
+        let samples = bench.take();
+        assert_eq!(sequences(&samples), expected);
+        assert_eq!(samples[0].info.sample_rank, 1);
+        assert_eq!(samples[3].info.sample_rank, 0);
+    }
 }

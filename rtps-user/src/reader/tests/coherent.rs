@@ -361,6 +361,25 @@ fn a_writer_that_has_not_been_heard_is_waited_for() {
 }
 
 #[test]
+fn a_writer_that_has_begun_its_part_is_waited_for() {
+    let (mut first, mut second) = groups();
+    second.writer.entity.0[0] = 8;
+    let known = remote(second.writer, coherent(PresentationScope::Group));
+    second.reader.match_writer(second.now, &known);
+    second.heartbeat(1, 0);
+    second.submit(1, part(1, 3, 4), PayloadKind::Data, b"data");
+    first.submit(2, part(2, 3, 3), PayloadKind::Data, b"data");
+    first.submit(3, end_of_part(3), PayloadKind::None, &[]);
+    second.writer.entity.0[0] = 9;
+    second.submit(2, end_of_part(3), PayloadKind::None, &[]);
+    let set = first.reader.staged_groups().next().unwrap();
+    assert!(second.reader.awaits_group(&set));
+    second.writer.entity.0[0] = 8;
+    second.submit(2, end_of_part(3), PayloadKind::None, &[]);
+    assert!(!second.reader.awaits_group(&set));
+}
+
+#[test]
 fn a_writer_that_is_gone_is_not_waited_for() {
     let (mut first, mut second) = groups();
     first.submit(2, part(2, 3, 3), PayloadKind::Data, b"data");
