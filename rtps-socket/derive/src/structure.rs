@@ -103,10 +103,6 @@ impl<'a> Structure<'a> {
         let (impl_generics, type_generics, where_clause) = generics.split_for_impl();
         let extensibility = self.extensibility;
         let types = self.members.iter().map(|member| member.ty);
-        let length_code = match extensibility {
-            Extensibility::Final => quote!(NextInt),
-            Extensibility::Appendable | Extensibility::Mutable => quote!(SharedBytes),
-        };
         let encode = self.encode();
         let decode = match extensibility {
             Extensibility::Final | Extensibility::Appendable => self.decode_in_order(),
@@ -126,7 +122,6 @@ impl<'a> Structure<'a> {
                     #extensibility,
                     0 #(+ <#types as #cdr::Member>::MIN_SIZE)*
                 );
-                const LENGTH_CODE: #cdr::LengthCode = #cdr::LengthCode::#length_code;
 
                 fn encode(
                     &self,

@@ -184,10 +184,6 @@ fn cdr_type_impl(
     let generics = crate::bound_generics(&input.generics);
     let (impl_generics, type_generics, where_clause) = generics.split_for_impl();
     let extensibility = attributes.extensibility;
-    let length_code = match extensibility {
-        Extensibility::Final => quote!(NextInt),
-        Extensibility::Appendable | Extensibility::Mutable => quote!(SharedBytes),
-    };
     let encode = cases.iter().map(|case| case.encode(discriminator));
     let decode = cases.iter().map(Case::decode);
     let unknown = unknown_discriminator(discriminator, cases, &attributes.type_name(ident));
@@ -208,7 +204,6 @@ fn cdr_type_impl(
                 #extensibility,
                 <#discriminator as #cdr::CdrType>::MIN_SIZE,
             );
-            const LENGTH_CODE: #cdr::LengthCode = #cdr::LengthCode::#length_code;
 
             fn encode(
                 &self,

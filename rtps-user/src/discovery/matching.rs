@@ -295,6 +295,9 @@ mod tests {
     use super::*;
     use crate::qos::{Partition, Qos, Reliability};
     use crate::wire::EntityKind;
+    use crate::xtypes::{
+        Definition, Extensibility, StructMember, TypeBuilder, TypeKind, TypePair, TypeSupport,
+    };
 
     const OURS: GuidPrefix = GuidPrefix([5; 12]);
     const THEIRS: GuidPrefix = GuidPrefix([7; 12]);
@@ -389,6 +392,56 @@ mod tests {
             outcomes(&matchmaker.insert(writer)),
             [(Some(Outcome::InconsistentTopic), None)]
         );
+    }
+
+    fn described(members: Vec<StructMember>) -> TypeSupport {
+        TypeBuilder::describe(|types| {
+            types.define("ShapeType", |_| {
+                Some(Definition::Struct {
+                    extensibility: Extensibility::Final,
+                    members,
+                })
+            })
+        })
+    }
+
+    #[test]
+    fn types_that_are_learned_decide() {
+        let x = StructMember {
+            name: "x",
+            id: 0,
+            key: false,
+            optional: false,
+            member_type: TypePair::primitive(TypeKind::INT32),
+        };
+        let (ours, theirs) = (described(vec![x]), described(Vec::new()));
+        let (mut matchmaker, mut reader, mut writer) = pair();
+        reader.type_information = ours.information;
+        writer.type_information = theirs.information;
+        matchmaker.add_types(&ours.objects).unwrap();
+        matchmaker.insert(reader.clone());
+        assert_eq!(outcomes(&matchmaker.insert(writer)), [(None, MATCHED)]);
+        let wanted = matchmaker.take_wanted_types();
+        let mut remote = TypeLibrary::default();
+        remote.add_mapping(&theirs.objects).unwrap();
+        let object = |hash: &TypeHash| (*hash, remote.object(*hash).unwrap().to_vec());
+        let found: Vec<_> = wanted.iter().map(object).collect();
+        assert_eq!(found.len(), 1);
+        let inconsistent = Some(Outcome::InconsistentTopic);
+        assert_eq!(
+            outcomes(&matchmaker.learn_types(&found)),
+            [(MATCHED, inconsistent)]
+        );
+        assert_eq!(matchmaker.learn_types(&found), []);
+    }
+
+    #[test]
+    fn a_reader_may_insist_on_types() {
+        let (mut matchmaker, mut reader, writer) = pair();
+        reader.qos.type_consistency.force_type_validation = true;
+        matchmaker.insert(reader);
+        let inconsistent = Some(Outcome::InconsistentTopic);
+        assert_eq!(outcomes(&matchmaker.insert(writer)), [(None, inconsistent)]);
     }
 
     #[test]

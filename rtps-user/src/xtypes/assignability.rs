@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::definition::{Extensibility, IS_DEFAULT, IS_KEY, IS_MUST_UNDERSTAND, IS_OPTIONAL};
 use super::identifier::{TypeHash, TypeIdentifier, TypeKind};
 use super::library::TypeLibrary;
-use super::object::{Member, MinimalType};
+use super::object::{EnumType, Member, MinimalType, StructType};
 use crate::qos::TypeConsistency;
 
 /// More comparisons of types than this are not made: types from the wire may be made to need many.
@@ -84,50 +84,46 @@ impl Comparison<'_> {
     }
 
     fn compare_unequal(&mut self, reader: &TypeIdentifier, writer: &TypeIdentifier) -> bool {
-        use TypeIdentifier::{Array, Component, Hash, Map, Primitive, Sequence, String};
+        use TypeIdentifier::{Component, Hash};
         match (reader, writer) {
             (Component { .. }, _) | (_, Component { .. }) => {
                 self.is_opaque = true;
                 true
             }
             (Hash(reader), Hash(writer)) => self.compare_hashes(*reader, *writer),
-            (Hash(reader), writer) => match self.resolve(*reader) {
-                Some(MinimalType::Alias(reader)) => self.compare(&reader, writer),
-                Some(MinimalType::Bitmask { bit_bound }) => holds(bit_bound, writer),
-                found => self.is_unknown(found.as_ref()),
+            (Hash(hash), plain) | (plain, Hash(hash)) => match self.resolve(*hash) {
+                Some(MinimalType::Alias(alias)) if reader == plain => self.compare(reader, &alias),
+                Some(MinimalType::Alias(alias)) => self.compare(&alias, writer),
+                Some(MinimalType::Bitmask { bit_bound }) => holds(bit_bound, plain),
+                Some(MinimalType::Opaque) => {
+                    self.is_opaque = true;
+                    true
+                }
+                Some(_) => false,
+                None => true,
             },
-            (reader, Hash(writer)) => match self.resolve(*writer) {
-                Some(MinimalType::Alias(writer)) => self.compare(reader, &writer),
-                Some(MinimalType::Bitmask { bit_bound }) => holds(bit_bound, reader),
-                found => self.is_unknown(found.as_ref()),
-            },
+            _ => self.compare_plain(reader, writer),
+        }
+    }
+
+    fn compare_plain(&mut self, reader: &TypeIdentifier, writer: &TypeIdentifier) -> bool {
+        use TypeIdentifier::{Array, Map, Primitive, Sequence, String};
+        let TypeConsistency {
+            ignore_sequence_bounds,
+            ignore_string_bounds,
+            ..
+        } = *self.policy;
+        match (reader, writer) {
             (Primitive(reader), Primitive(writer)) => same_primitive(*reader, *writer),
-            (
-                String { wide, bound },
-                String {
-                    wide: writer_wide,
-                    bound: writer_bound,
-                },
-            ) => {
-                wide == writer_wide && fits(*writer_bound, *bound, self.policy.ignore_string_bounds)
+            (String { wide, bound: r }, String { wide: other, bound }) => {
+                wide == other && fits(*bound, *r, ignore_string_bounds)
             }
-            (
-                Sequence { element, bound },
-                Sequence {
-                    element: writer_element,
-                    bound: writer_bound,
-                },
-            ) => {
-                fits(*writer_bound, *bound, self.policy.ignore_sequence_bounds)
-                    && self.compare(element, writer_element)
+            (Sequence { element: r, bound }, Sequence { element, bound: w }) => {
+                fits(*w, *bound, ignore_sequence_bounds) && self.compare(r, element)
             }
-            (
-                Array { element, bounds },
-                Array {
-                    element: writer_element,
-                    bounds: writer_bounds,
-                },
-            ) => bounds == writer_bounds && self.compare(element, writer_element),
+            (Array { element: r, bounds }, Array { element, bounds: w }) => {
+                bounds == w && self.compare(r, element)
+            }
             (
                 Map {
                     key,
@@ -140,7 +136,7 @@ impl Comparison<'_> {
                     bound: writer_bound,
                 },
             ) => {
-                fits(*writer_bound, *bound, self.policy.ignore_sequence_bounds)
+                fits(*writer_bound, *bound, ignore_sequence_bounds)
                     && self.compare(key, writer_key)
                     && self.compare(element, writer_element)
             }
@@ -168,13 +164,6 @@ impl Comparison<'_> {
         found
     }
 
-    /// What stands against a type without TypeObject: nothing fits that is known.
-    fn is_unknown(&mut self, found: Option<&MinimalType>) -> bool {
-        let is_opaque = matches!(found, Some(MinimalType::Opaque));
-        self.is_opaque |= is_opaque;
-        found.is_none() || is_opaque
-    }
-
     fn compare_objects(&mut self, reader: &MinimalType, writer: &MinimalType) -> bool {
         use MinimalType::{Alias, Bitmask, Enum, Opaque, Struct, Union};
         match (reader, writer) {
@@ -183,64 +172,27 @@ impl Comparison<'_> {
                 true
             }
             (Alias(reader), Alias(writer)) => self.compare(reader, writer),
-            // Both have TypeObjects, so that what one is another name of is compared with the other's identifier.
-            (Alias(TypeIdentifier::Hash(hash)), other) => match self.resolve(*hash) {
-                Some(reader) => self.compare_nested(&reader, other),
-                None => true,
-            },
-            (other, Alias(TypeIdentifier::Hash(hash))) => match self.resolve(*hash) {
-                Some(writer) => self.compare_nested(other, &writer),
-                None => true,
-            },
+            (Alias(TypeIdentifier::Hash(hash)), _) => {
+                let reader = self.resolve(*hash);
+                reader.is_none_or(|reader| self.compare_nested(&reader, writer))
+            }
+            (_, Alias(TypeIdentifier::Hash(hash))) => {
+                let writer = self.resolve(*hash);
+                writer.is_none_or(|writer| self.compare_nested(reader, &writer))
+            }
             (Bitmask { bit_bound }, Bitmask { bit_bound: other }) => bit_bound == other,
-            (
-                Enum {
-                    flags,
-                    bit_bound,
-                    literals,
-                },
-                Enum {
-                    flags: writer_flags,
-                    bit_bound: writer_bound,
-                    literals: writer_literals,
-                },
-            ) => {
-                same_extensibility(*flags, *writer_flags)
-                    && holder(*bit_bound) == holder(*writer_bound)
-                    && self.compare_literals(is_final(*flags), literals, writer_literals)
+            (Enum(reader), Enum(writer)) => self.compare_enums(reader, writer),
+            (Struct(reader), Struct(writer)) => {
+                same_extensibility(reader.flags, writer.flags) && {
+                    let of_reader = self.with_base(reader);
+                    let of_writer = self.with_base(writer);
+                    self.compare_members(reader.flags, &of_reader, &of_writer)
+                }
             }
-            (
-                Struct {
-                    flags,
-                    base,
-                    members,
-                },
-                Struct {
-                    flags: writer_flags,
-                    base: writer_base,
-                    members: writer_members,
-                },
-            ) => {
-                let members = self.with_base(base, members);
-                let writer_members = self.with_base(writer_base, writer_members);
-                same_extensibility(*flags, *writer_flags)
-                    && self.compare_members(*flags, &members, &writer_members)
-            }
-            (
-                Union {
-                    flags,
-                    discriminator,
-                    members,
-                },
-                Union {
-                    flags: writer_flags,
-                    discriminator: writer_discriminator,
-                    members: writer_members,
-                },
-            ) => {
-                same_extensibility(*flags, *writer_flags)
-                    && self.compare(discriminator, writer_discriminator)
-                    && self.compare_cases(is_final(*flags), members, writer_members)
+            (Union(reader), Union(writer)) => {
+                same_extensibility(reader.flags, writer.flags)
+                    && self.compare(&reader.discriminator, &writer.discriminator)
+                    && self.compare_cases(is_final(reader.flags), &reader.members, &writer.members)
             }
             _ => false,
         }
@@ -259,24 +211,19 @@ impl Comparison<'_> {
     }
 
     /// The members of a struct, those that it inherits first.
-    fn with_base(&mut self, base: &TypeIdentifier, members: &[Member]) -> Vec<Member> {
-        let mut all = members.to_vec();
-        let mut base = base.clone();
+    fn with_base(&mut self, of: &StructType) -> Vec<Member> {
+        let mut all = of.members.clone();
+        let mut base = of.base.clone();
         for _ in 0..MAX_DEPTH {
             let TypeIdentifier::Hash(hash) = base else {
                 break;
             };
-            let Some(MinimalType::Struct {
-                base: next,
-                members,
-                ..
-            }) = self.resolve(hash)
-            else {
+            let Some(MinimalType::Struct(inherited)) = self.resolve(hash) else {
                 self.is_opaque = true;
                 break;
             };
-            all.splice(0..0, members);
-            base = next;
+            all.splice(0..0, inherited.members);
+            base = inherited.base;
         }
         all
     }
@@ -360,22 +307,24 @@ impl Comparison<'_> {
             .all(|(reader, writer)| self.compare(&reader.type_id, &writer.type_id))
     }
 
-    fn compare_literals(
-        &self,
-        is_final: bool,
-        reader: &[(i32, [u8; 4])],
-        writer: &[(i32, [u8; 4])],
-    ) -> bool {
-        let values: BTreeMap<_, _> = reader.iter().copied().collect();
-        let names: BTreeMap<_, _> = reader.iter().map(|(value, name)| (*name, *value)).collect();
-        if is_final && reader.len() != writer.len() {
+    fn compare_enums(&self, reader: &EnumType, writer: &EnumType) -> bool {
+        if !same_extensibility(reader.flags, writer.flags)
+            || holder(reader.bit_bound) != holder(writer.bit_bound)
+        {
             return false;
         }
-        writer.iter().all(|(value, name)| {
-            let has_name = values.get(value).is_none_or(|known| known == name);
-            let has_value = names.get(name).is_none_or(|known| known == value);
-            let is_known = values.contains_key(value);
-            (is_known || !is_final) && (self.policy.ignore_member_names || has_name && has_value)
+        let literals = reader.literals.iter();
+        let values: BTreeMap<_, _> = literals.clone().copied().collect();
+        let names: BTreeMap<_, _> = literals.map(|(value, name)| (*name, *value)).collect();
+        let is_final = is_final(reader.flags);
+        if is_final && reader.literals.len() != writer.literals.len() {
+            return false;
+        }
+        writer.literals.iter().all(|(value, name)| {
+            let is_named_so = values.get(value).is_none_or(|known| known == name);
+            let is_valued_so = names.get(name).is_none_or(|known| known == value);
+            (values.contains_key(value) || !is_final)
+                && (self.policy.ignore_member_names || is_named_so && is_valued_so)
         })
     }
 }

@@ -148,8 +148,10 @@ impl TypeBuilder {
         match describe(&mut builder) {
             Some(pair) if pair.minimal.hash().is_some() => {
                 let support = builder.finish();
-                let is_small = support.objects.len() <= MAX_OBJECTS;
-                is_small.then_some(support).unwrap_or_default()
+                match support.objects.len() <= MAX_OBJECTS {
+                    true => support,
+                    false => TypeSupport::default(),
+                }
             }
             _ => TypeSupport::default(),
         }

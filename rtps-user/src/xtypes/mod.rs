@@ -16,6 +16,8 @@ mod information;
 mod library;
 pub mod lookup;
 mod object;
+#[cfg(test)]
+mod tests;
 mod xcdr;
 
 pub use assignability::Assignable;

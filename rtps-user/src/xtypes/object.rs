@@ -8,31 +8,39 @@ use crate::wire::{Endianness, WireError};
 /// A constructed type without names.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub(super) enum MinimalType {
-    /// A struct.
-    Struct {
-        flags: u16,
-        base: TypeIdentifier,
-        members: Vec<Member>,
-    },
-    /// A union.
-    Union {
-        flags: u16,
-        discriminator: TypeIdentifier,
-        members: Vec<Member>,
-    },
-    /// An enumeration.
-    Enum {
-        flags: u16,
-        bit_bound: u16,
-        /// Value and name.
-        literals: Vec<(i32, [u8; 4])>,
-    },
+    Struct(StructType),
+    Union(UnionType),
+    Enum(EnumType),
     /// A set of so many flags.
-    Bitmask { bit_bound: u16 },
+    Bitmask {
+        bit_bound: u16,
+    },
     /// Another name of a type; a collection with a TypeObject of its own is one of the plain collection.
     Alias(TypeIdentifier),
     /// What is not looked into.
     Opaque,
+}
+
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub(super) struct StructType {
+    pub(super) flags: u16,
+    pub(super) base: TypeIdentifier,
+    pub(super) members: Vec<Member>,
+}
+
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub(super) struct UnionType {
+    pub(super) flags: u16,
+    pub(super) discriminator: TypeIdentifier,
+    pub(super) members: Vec<Member>,
+}
+
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub(super) struct EnumType {
+    pub(super) flags: u16,
+    pub(super) bit_bound: u16,
+    /// Value and name.
+    pub(super) literals: Vec<(i32, [u8; 4])>,
 }
 
 /// A member of a struct or union.
@@ -94,42 +102,32 @@ impl MinimalType {
     /// The types with TypeObjects that it refers to.
     pub(super) fn uses(&self) -> Vec<TypeHash> {
         let mut used = Vec::new();
-        match self {
-            Self::Struct { base, members, .. } => {
-                base.add_hashes(&mut used);
-                members
-                    .iter()
-                    .for_each(|member| member.type_id.add_hashes(&mut used));
-            }
-            Self::Union {
-                discriminator,
-                members,
-                ..
-            } => {
-                discriminator.add_hashes(&mut used);
-                members
-                    .iter()
-                    .for_each(|member| member.type_id.add_hashes(&mut used));
-            }
-            Self::Alias(identifier) => identifier.add_hashes(&mut used),
-            Self::Enum { .. } | Self::Bitmask { .. } | Self::Opaque => {}
+        let (first, members) = match self {
+            Self::Struct(of) => (&of.base, of.members.as_slice()),
+            Self::Union(of) => (&of.discriminator, of.members.as_slice()),
+            Self::Alias(identifier) => (identifier, [].as_slice()),
+            Self::Enum(_) | Self::Bitmask { .. } | Self::Opaque => return used,
+        };
+        first.add_hashes(&mut used);
+        for member in members {
+            member.type_id.add_hashes(&mut used);
         }
         used
     }
 }
 
 fn read_struct(r: &mut Reader<'_>) -> Result<MinimalType, WireError> {
-    Ok(MinimalType::Struct {
+    Ok(MinimalType::Struct(StructType {
         flags: r.u16()?,
         base: r.delimited(TypeIdentifier::read)?,
         members: r.sequence(|r| read_member(r, |_| Ok(Vec::new())))?,
-    })
+    }))
 }
 
 fn read_union(r: &mut Reader<'_>) -> Result<MinimalType, WireError> {
     let flags = r.u16()?;
     r.delimited(|_| Ok(()))?;
-    Ok(MinimalType::Union {
+    Ok(MinimalType::Union(UnionType {
         flags,
         discriminator: r.delimited(read_element)?,
         members: r.sequence(|r| {
@@ -138,11 +136,11 @@ fn read_union(r: &mut Reader<'_>) -> Result<MinimalType, WireError> {
                 Ok(labels.into_iter().map(u32::cast_signed).collect())
             })
         })?,
-    })
+    }))
 }
 
 fn read_enum(r: &mut Reader<'_>) -> Result<MinimalType, WireError> {
-    Ok(MinimalType::Enum {
+    Ok(MinimalType::Enum(EnumType {
         flags: r.u16()?,
         bit_bound: r.delimited(Reader::u16)?,
         literals: r.sequence(|r| {
@@ -151,7 +149,7 @@ fn read_enum(r: &mut Reader<'_>) -> Result<MinimalType, WireError> {
                 Ok((value, r.array()?))
             })
         })?,
-    })
+    }))
 }
 
 fn read_map(r: &mut Reader<'_>) -> Result<MinimalType, WireError> {

@@ -5,6 +5,7 @@ mod fields;
 mod hostile;
 mod keys;
 mod round_trip;
+mod samples;
 mod type_objects;
 mod vectors;
 
