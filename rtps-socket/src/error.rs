@@ -107,6 +107,11 @@ pub enum WriteError {
     /// A payload begins with its 4-byte encapsulation header.
     #[error("a raw payload of {0} bytes has no encapsulation header (RTPS 2.5 section 10.2)")]
     NoEncapsulation(usize),
+    /// What was written into a loan is not of the type.
+    #[error(
+        "the loan has no sample of type {0} in it: serialize one, with its encapsulation header"
+    )]
+    NoSample(&'static str),
     /// Only topics with keys have instances to dispose or unregister.
     #[error("the topic has no key, so there is no instance to dispose or unregister")]
     NoKey,

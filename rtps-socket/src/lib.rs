@@ -45,5 +45,5 @@ pub use rtps_user::wire::{
     EntityId, Guid, GuidPrefix, KeyHash, KeyHash as InstanceHandle, PayloadKind, SequenceNumber,
     Timestamp,
 };
-pub use socket::{Builder, RawChange, RawReader, RawSamples, RawWriter, RtpsSocket};
+pub use socket::{Builder, Loan, RawChange, RawReader, RawSamples, RawWriter, RtpsSocket};
 pub use status::{EntityEvent, StatusEvent, StatusKind, StatusMask};

@@ -2,7 +2,7 @@
 //!
 //! `read` leaves the samples in the reader, `take` does not. None of it waits.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use rtps_user::reader::{self, InstanceOf, InstanceState, Selection};
 use rtps_user::wire::{KeyHash, PayloadKind};
@@ -34,6 +34,12 @@ impl<T: DdsType> DataReader<T> {
         self.decode_all(self.reader.take(max, selection), Form::Take)
     }
 
+    /// Takes up to `max` samples as they were received: the payload is that in the reader's cache, not a copy, and not
+    /// deserialized.
+    pub fn take_serialized(&self, max: usize, selection: &Selection) -> Vec<reader::Sample> {
+        self.reader.take(max, selection)
+    }
+
     /// Takes up to `max` samples of one instance.
     pub fn take_instance(
         &self,
@@ -61,14 +67,20 @@ impl<T: DdsType> DataReader<T> {
 
     /// Takes up to `max` samples that have made a condition of this reader true.
     pub fn take_query(&self, max: usize, condition: &QueryCondition) -> Vec<Sample<T>> {
-        let (selection, filter) = (condition.selection(), condition.filter());
-        self.decode_all(self.reader.take_where(max, selection, filter), Form::Take)
+        let Some(filter) = condition.filter() else {
+            return Vec::new();
+        };
+        let samples = self.reader.take_where(max, condition.selection(), &filter);
+        self.decode_all(samples, Form::Take)
     }
 
     /// Reads up to `max` samples that have made a condition of this reader true.
     pub fn read_query(&self, max: usize, condition: &QueryCondition) -> Vec<Sample<T>> {
-        let (selection, filter) = (condition.selection(), condition.filter());
-        self.decode_all(self.reader.read_where(max, selection, filter), Form::Read)
+        let Some(filter) = condition.filter() else {
+            return Vec::new();
+        };
+        let samples = self.reader.read_where(max, condition.selection(), &filter);
+        self.decode_all(samples, Form::Read)
     }
 
     /// A condition that is true while there are samples of a selection.
@@ -88,13 +100,10 @@ impl<T: DdsType> DataReader<T> {
         parameters: &[&str],
     ) -> Result<QueryCondition, FilterError> {
         let parameters: Vec<_> = parameters.iter().map(|text| (*text).to_owned()).collect();
-        let filter = compiled::<T>(expression, &parameters)?;
-        let trigger = Trigger::Query(selection, Arc::clone(&filter));
-        Ok(QueryCondition::new(
-            self.reader.watch(trigger),
-            selection,
-            filter,
-        ))
+        let filter = Mutex::new(compiled::<T>(expression, &parameters)?);
+        let watched = self.reader.watch(Trigger::Query(selection, filter));
+        let condition = QueryCondition::new(watched, selection, expression, compiled::<T>);
+        Ok(condition)
     }
 
     /// Reads all samples that have not been read before.

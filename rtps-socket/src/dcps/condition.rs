@@ -10,6 +10,7 @@ use std::task::Waker;
 
 use rtps_user::reader::Selection;
 
+use crate::error::FilterError;
 use crate::filter::PayloadFilter;
 use crate::socket::{Trigger, Watched};
 use crate::status::StatusMask;
@@ -198,20 +199,30 @@ impl ReadCondition {
     }
 }
 
+/// Makes a filter of an expression and its parameters.
+pub(super) type Compile = fn(&str, &[String]) -> Result<PayloadFilter, FilterError>;
+
 /// True while its reader has a sample of a selection for which an expression is true.
 #[derive(Clone)]
 pub struct QueryCondition {
     condition: Condition,
     selection: Selection,
-    filter: PayloadFilter,
+    expression: String,
+    compile: Compile,
 }
 
 impl QueryCondition {
-    pub(super) fn new(watched: Watched, selection: Selection, filter: PayloadFilter) -> Self {
+    pub(super) fn new(
+        watched: Watched,
+        selection: Selection,
+        expression: &str,
+        compile: Compile,
+    ) -> Self {
         Self {
             condition: Condition::of_endpoint(watched),
             selection,
-            filter,
+            expression: expression.to_owned(),
+            compile,
         }
     }
 
@@ -220,8 +231,38 @@ impl QueryCondition {
         &self.selection
     }
 
-    pub(super) fn filter(&self) -> &PayloadFilter {
-        &self.filter
+    /// The expression.
+    pub fn query_expression(&self) -> &str {
+        &self.expression
+    }
+
+    /// Changes what stands for `%0`, `%1` and so on in the expression.
+    ///
+    /// # Errors
+    /// When one is missing or does not compare with its member; all stay as they were then.
+    pub fn set_query_parameters(&self, parameters: &[&str]) -> Result<(), FilterError> {
+        let parameters: Vec<_> = parameters.iter().map(|text| (*text).to_owned()).collect();
+        let filter = (self.compile)(&self.expression, &parameters)?;
+        if let Source::Endpoint(watched) = &self.condition.source {
+            if let Trigger::Query(_, current) = watched.trigger() {
+                *current.lock().unwrap_or_else(PoisonError::into_inner) = filter;
+            }
+            watched.shared().nudge();
+        }
+        Ok(())
+    }
+
+    /// The expression as a filter; `None` for what is no query.
+    pub(super) fn filter(&self) -> Option<PayloadFilter> {
+        let Source::Endpoint(watched) = &self.condition.source else {
+            return None;
+        };
+        let Trigger::Query(_, filter) = watched.trigger() else {
+            return None;
+        };
+        Some(Arc::clone(
+            &filter.lock().unwrap_or_else(PoisonError::into_inner),
+        ))
     }
 }
 
@@ -229,6 +270,7 @@ impl fmt::Debug for QueryCondition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("QueryCondition")
             .field("selection", &self.selection)
+            .field("expression", &self.expression)
             .finish_non_exhaustive()
     }
 }

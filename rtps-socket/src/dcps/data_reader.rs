@@ -8,6 +8,7 @@ use std::time::Duration;
 use futures_core::Stream;
 use rtps_user::wire::Guid;
 
+use super::EndpointBuiltinTopicData;
 use super::Sample;
 use super::access::{Form, instance_of_payload};
 use super::content_filtered_topic::Filter;
@@ -99,6 +100,11 @@ impl<T: DdsType> DataReader<T> {
     /// The writers that it is matched with.
     pub fn matched(&self) -> Vec<Guid> {
         self.reader.matched()
+    }
+
+    /// What is known of a writer that it is matched with.
+    pub fn matched_publication_data(&self, writer: Guid) -> Option<EndpointBuiltinTopicData> {
+        self.reader.matched_publication_data(writer)
     }
 
     /// Waits until at least `count` writers are matched.

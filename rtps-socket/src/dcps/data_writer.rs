@@ -7,15 +7,17 @@ use std::time::{Duration, SystemTime};
 use bytes::Bytes;
 use rtps_user::history::ChangeKind;
 use rtps_user::qos::DataRepresentation;
-use rtps_user::wire::{Guid, KeyHash, SequenceNumber};
+use rtps_user::wire::{Guid, KeyHash, PayloadKind, SequenceNumber};
 
+use super::EndpointBuiltinTopicData;
+use super::access::instance_of_payload;
 use super::instance_of;
 use super::keys::Keys;
 use crate::cdr::{DdsType, EncodeError, Representation, key_payload, to_payload};
 use crate::error::{CreateError, SetQosError, WaitError, WriteError};
 use crate::filter::announced_filter;
 use crate::qos::{Qos, policies};
-use crate::socket::{RawChange, RawWriter, RtpsSocket, Template};
+use crate::socket::{Loan, RawChange, RawWriter, RtpsSocket, Template};
 
 /// Payloads up to this size are serialized into a buffer that is used again, and copied; larger ones keep theirs.
 const COPIED: usize = 4096;
@@ -66,6 +68,25 @@ impl<T: DdsType> DataWriter<T> {
     /// As [`write`](Self::write).
     pub fn write_at(&self, value: &T, timestamp: SystemTime) -> Result<SequenceNumber, WriteError> {
         self.change(ChangeKind::Alive, value, Some(timestamp))
+    }
+
+    /// Lends a buffer for a sample that is serialized elsewhere, `len` bytes with the encapsulation header.
+    pub fn loan(&self, len: usize) -> Loan {
+        self.writer.loan(len)
+    }
+
+    /// Writes the sample that was serialized into a loan, which is not copied into the history. Of a topic with key it
+    /// is read, to find its instance.
+    ///
+    /// # Errors
+    /// As [`write`](Self::write), and when the topic has a key and there is no sample in the loan.
+    pub fn write_loaned(&self, loan: Loan) -> Result<SequenceNumber, WriteError> {
+        let instance = match T::HAS_KEY {
+            true => instance_of_payload::<T>()(PayloadKind::Data, &loan)
+                .ok_or(WriteError::NoSample(T::TYPE_NAME))?,
+            false => KeyHash::default(),
+        };
+        self.writer.send_loaned(loan, instance)
     }
 
     /// Disposes the instance that `value` belongs to; only its key members count.
@@ -223,6 +244,11 @@ impl<T: DdsType> DataWriter<T> {
     /// The readers that it is matched with.
     pub fn matched(&self) -> Vec<Guid> {
         self.writer.matched()
+    }
+
+    /// What is known of a reader that it is matched with.
+    pub fn matched_subscription_data(&self, reader: Guid) -> Option<EndpointBuiltinTopicData> {
+        self.writer.matched_subscription_data(reader)
     }
 
     /// Waits until at least `count` readers are matched.

@@ -168,6 +168,15 @@ impl DomainParticipant {
         self.socket.set_listener(mask, listener);
     }
 
+    /// Changes USER_DATA, up to 256 bytes that others see in the participant's announcement
+    /// ([`Builder::user_data`](Builder::user_data)).
+    pub fn set_user_data(&self, data: impl Into<Vec<u8>>) {
+        let user_data = data.into();
+        self.socket
+            .shared()
+            .with(|core, now| core.describe(now, user_data));
+    }
+
     /// Asserts the liveliness of all writers with LIVELINESS MANUAL_BY_PARTICIPANT.
     pub fn assert_liveliness(&self) {
         self.socket.assert_liveliness();

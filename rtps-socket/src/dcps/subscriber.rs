@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use rtps_user::wire::Guid;
+
 use super::group::GroupState;
 use super::{DataReader, TopicDescription};
 use crate::cdr::DdsType;
@@ -96,6 +98,13 @@ pub struct Access<'a> {
 }
 
 impl Access<'_> {
+    /// The readers with samples that have not been read, one entry for each sample, in the order in which the writers of
+    /// a publisher have written them: whoever takes one sample of each in turn has that order across topics
+    /// (`get_datareaders`). It needs ordered access of GROUP scope; without that it is the order of arrival.
+    pub fn readers(&self) -> Vec<Guid> {
+        self.subscriber.state.group.readers_in_order()
+    }
+
     /// Ends the access.
     pub fn end(self) {}
 }

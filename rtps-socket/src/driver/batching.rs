@@ -103,7 +103,7 @@ impl Batching {
     /// A sample of `len` bytes was written. Whether it waits; else everything that waits is to be sent.
     pub(super) fn holds(&mut self, now: Instant, len: usize, patience: Patience) -> bool {
         let last = self.last.replace(now);
-        let follows = last.is_some_and(|last| now.saturating_duration_since(last) <= GAP);
+        let follows = last.is_some_and(|last| now <= last + GAP);
         self.row = if follows {
             self.row.saturating_add(1)
         } else {
@@ -221,6 +221,26 @@ mod tests {
         let held = write(1, 100, 100, patience(0, History::KeepLast(3)));
         assert!(held[4..].windows(3).all(|window| window.contains(&false)));
         assert!(held.contains(&true));
+    }
+
+    #[test]
+    fn an_answer_begins_no_stream_and_needs_no_clock() {
+        let (mut batching, now) = (Batching::default(), Instant::now());
+        let mut reads = 0;
+        let mut write = |batching: &mut Batching| {
+            batching.holds(now, 100, patience(0, History::KeepAll));
+            batching.sent();
+            batching.wrote(|| {
+                reads += 1;
+                now
+            });
+            reads
+        };
+        for _ in 0..100 {
+            batching.expect_answer();
+            assert_eq!(write(&mut batching), 0);
+        }
+        assert_eq!(write(&mut batching), 1);
     }
 
     #[test]

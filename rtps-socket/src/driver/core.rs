@@ -37,6 +37,8 @@ pub(crate) struct Core {
     pub(crate) audience: Audience,
     pub(super) batching: Batching,
     wall_clock: WallClock,
+    /// Whether any reader has coherent sets that wait for their parts in others.
+    pub(super) stages_groups: bool,
     /// What is known of the domain, where the app wants to know.
     pub(super) browser: Option<Box<Browser>>,
     pub(super) is_lost: bool,
@@ -56,6 +58,7 @@ impl Core {
             audience: Audience::default(),
             batching: Batching::default(),
             wall_clock: WallClock::default(),
+            stages_groups: false,
             browser: None,
             is_lost: false,
         }

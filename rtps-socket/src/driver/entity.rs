@@ -1,9 +1,10 @@
 //! What the driver knows of a writer or reader beside its protocol state.
 
-use std::collections::{HashSet, VecDeque};
+use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 use std::task::Waker;
 
+use rtps_user::RemoteEndpoint;
 use rtps_user::filter::PayloadFilter;
 use rtps_user::layer::protocol::Endpoint;
 use rtps_user::qos::{ContentFilter, Qos};
@@ -59,7 +60,7 @@ pub(crate) struct Entity {
     pub(super) declaration: Declaration,
     /// A reader whose coherent sets wait for their parts in others.
     pub(super) stages_groups: bool,
-    matched: HashSet<Guid>,
+    matched: HashMap<Guid, Box<RemoteEndpoint>>,
     pub(crate) statuses: Statuses,
     events: VecDeque<StatusEvent>,
     listener: Option<Masked<Listener>>,
@@ -100,7 +101,7 @@ impl Entity {
             type_name: declaration.endpoint.type_name.as_str().into(),
             declaration,
             stages_groups: false,
-            matched: HashSet::new(),
+            matched: HashMap::new(),
             statuses: Statuses::default(),
             events: VecDeque::new(),
             listener: None,
@@ -119,8 +120,13 @@ impl Entity {
     }
 
     /// Remote endpoints that are matched now.
-    pub(crate) fn matched(&self) -> &HashSet<Guid> {
-        &self.matched
+    pub(crate) fn matched(&self) -> impl ExactSizeIterator<Item = Guid> + '_ {
+        self.matched.keys().copied()
+    }
+
+    /// What is known of one of them.
+    pub(crate) fn matched_endpoint(&self, remote: Guid) -> Option<&RemoteEndpoint> {
+        self.matched.get(&remote).map(Box::as_ref)
     }
 
     /// Events since the last call that no listener was told.
@@ -186,15 +192,16 @@ impl Entity {
     }
 
     /// A match, new or changed.
-    pub(super) fn add_match(&mut self, remote: Guid, audience: &mut Audience) {
-        if self.matched.insert(remote) {
-            self.report(self.matched_event(remote, 1), audience);
+    pub(super) fn add_match(&mut self, remote: Box<RemoteEndpoint>, audience: &mut Audience) {
+        let guid = remote.guid;
+        if self.matched.insert(guid, remote).is_none() {
+            self.report(self.matched_event(guid, 1), audience);
         }
     }
 
     /// The end of a match.
     pub(super) fn remove_match(&mut self, remote: Guid, audience: &mut Audience) {
-        if self.matched.remove(&remote) {
+        if self.matched.remove(&remote).is_some() {
             self.report(self.matched_event(remote, -1), audience);
         }
     }
@@ -300,11 +307,27 @@ mod tests {
     #[test]
     fn a_match_counts_once() {
         let (mut entity, mut audience) = (writer(None), Audience::default());
-        let remote = guid(7, EntityKind::ReaderNoKey);
+        let remote = Box::new(RemoteEndpoint {
+            guid: guid(7, EntityKind::ReaderNoKey),
+            unicast: Vec::new(),
+            addresses: Vec::new(),
+            multicast: Vec::new(),
+            expects_inline_qos: false,
+            qos: Qos::default(),
+            topic: "Square".to_owned(),
+            type_name: "ShapeType".to_owned(),
+            type_information: Vec::new(),
+            content_filter: None,
+        });
+        let guid = remote.guid;
+        entity.add_match(remote.clone(), &mut audience);
         entity.add_match(remote, &mut audience);
-        entity.add_match(remote, &mut audience);
-        entity.remove_match(remote, &mut audience);
-        entity.remove_match(remote, &mut audience);
+        assert_eq!(
+            entity.matched_endpoint(guid).map(|remote| remote.guid),
+            Some(guid)
+        );
+        entity.remove_match(guid, &mut audience);
+        entity.remove_match(guid, &mut audience);
         let changes: Vec<_> = entity
             .take_events()
             .into_iter()

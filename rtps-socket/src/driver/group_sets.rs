@@ -16,12 +16,14 @@ impl Core {
             && let Some(reader) = self.endpoints.reader_mut(reader)
         {
             entity.stages_groups = reader.stage_groups();
+            self.stages_groups |= entity.stages_groups;
         }
     }
 
     /// Something has happened to an endpoint that sets may have waited for.
     pub(super) fn review_group(&mut self, id: EntityId) {
-        if let Some(entity) = self.entities.get(&id)
+        if self.stages_groups
+            && let Some(entity) = self.entities.get(&id)
             && entity.stages_groups
             && let Some(group) = entity.declaration.group
         {

@@ -19,9 +19,7 @@ impl Core {
             FromLayer::Matched { local, remote } => {
                 self.endpoints.match_remote(now, local, &remote);
                 self.apply_filter(local, &remote);
-                self.on_entity(local, |entity, audience| {
-                    entity.add_match(remote.guid, audience)
-                });
+                self.on_entity(local, |entity, audience| entity.add_match(remote, audience));
             }
             FromLayer::Unmatched { local, remote } => {
                 self.endpoints.unmatch(now, local, remote);
@@ -75,7 +73,7 @@ impl Core {
     pub(super) fn lose_layer(&mut self, now: Instant) {
         self.is_lost = true;
         for (id, entity) in &mut self.entities {
-            let matched: Vec<_> = entity.matched().iter().copied().collect();
+            let matched: Vec<_> = entity.matched().collect();
             for remote in matched {
                 self.endpoints.unmatch(now, *id, remote);
                 entity.remove_match(remote, &mut self.audience);

@@ -208,7 +208,7 @@ fn look_until(
             thread::yield_now();
         }
         let before = std::mem::replace(&mut now, Instant::now());
-        let is_disturbed = !keeps_cpu && now - before >= MOMENT;
+        let is_disturbed = !keeps_cpu && now >= before + MOMENT;
         if is_disturbed || now >= end {
             return (is_disturbed, now);
         }

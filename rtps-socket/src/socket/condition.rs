@@ -1,7 +1,7 @@
 //! What can be waited for of a writer or reader.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use rtps_user::reader::Selection;
 use rtps_user::wire::EntityId;
@@ -24,7 +24,7 @@ pub(crate) enum Trigger {
     /// There is a sample of a selection.
     Read(Selection),
     /// There is a sample of a selection that passes.
-    Query(Selection, PayloadFilter),
+    Query(Selection, Mutex<PayloadFilter>),
 }
 
 impl Watched {
@@ -62,9 +62,10 @@ impl Watched {
                 has_data || entity.is_some_and(|entity| entity.statuses.changed().intersects(mask))
             }
             Trigger::Read(selection) => reader.is_some_and(|reader| reader.has_matching(selection)),
-            Trigger::Query(selection, filter) => {
-                reader.is_some_and(|reader| reader.has_matching_where(selection, filter))
-            }
+            Trigger::Query(selection, filter) => reader.is_some_and(|reader| {
+                let filter = filter.lock().unwrap_or_else(PoisonError::into_inner);
+                reader.has_matching_where(selection, &filter)
+            }),
         }
     }
 }

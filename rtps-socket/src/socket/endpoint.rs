@@ -8,6 +8,7 @@ use rtps_user::wire::{EntityId, Guid};
 use super::condition::{Trigger, Watched};
 use super::group::Group;
 use super::template::check_endpoint;
+use crate::dcps::EndpointBuiltinTopicData;
 use crate::driver::{Driver, Inherits, Listener, Shared};
 use crate::error::{SetQosError, WaitError};
 use crate::qos::{changed_for_good, policies};
@@ -49,9 +50,14 @@ impl EndpointHandle {
     pub(super) fn matched(&self) -> Vec<Guid> {
         self.shared().poll(|core, _| {
             let entity = core.entity(self.id());
-            entity.map_or_else(Vec::new, |entity| {
-                entity.matched().iter().copied().collect()
-            })
+            entity.map_or_else(Vec::new, |entity| entity.matched().collect())
+        })
+    }
+
+    pub(super) fn matched_endpoint(&self, remote: Guid) -> Option<EndpointBuiltinTopicData> {
+        self.shared().with(|core, _| {
+            let remote = core.entity(self.id())?.matched_endpoint(remote);
+            remote.map(EndpointBuiltinTopicData::from)
         })
     }
 

@@ -5,10 +5,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use rtps_user::qos::{Presentation, PresentationScope};
-use rtps_user::reader::Reader;
-use rtps_user::wire::EntityId;
+use rtps_user::reader::{Reader, Selection};
+use rtps_user::wire::{EntityId, Guid};
 use rtps_user::writer;
 
+use super::group_order::in_order;
 use super::raw_writer::to_timestamp;
 use super::template::check_endpoint;
 use crate::driver::{Core, Driver, EntityListener, GroupId};
@@ -164,6 +165,22 @@ impl Group {
                 self.for_each_reader(core, Reader::thaw);
             }
         });
+    }
+
+    /// The readers that have samples that have not been read, one entry for each, in the order of writing.
+    pub(crate) fn readers_in_order(&self) -> Vec<Guid> {
+        let samples = self.driver.shared().with(|core, _| {
+            let members = core.audience.members(self.id).iter();
+            let readers = members.filter_map(|member| core.endpoints.reader(*member));
+            let not_read = Selection::not_read();
+            let mut samples = Vec::new();
+            for reader in readers {
+                let infos = reader.infos(&not_read);
+                samples.extend(infos.map(|info| (reader.guid(), info)));
+            }
+            samples
+        });
+        in_order(samples)
     }
 
     fn for_each_reader(&self, core: &mut Core, act: impl Fn(&mut Reader)) {

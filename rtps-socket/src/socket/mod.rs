@@ -4,6 +4,8 @@ mod builder;
 mod condition;
 mod endpoint;
 mod group;
+mod group_order;
+mod loan;
 mod raw_reader;
 mod raw_writer;
 mod template;
@@ -17,6 +19,7 @@ use rtps_user::wire::{EntityKind, Guid};
 use rtps_user::writer::{WriterConfig, WriterTiming};
 
 pub use builder::Builder;
+pub use loan::Loan;
 pub(crate) use raw_reader::FilterSetter;
 pub use raw_reader::{RawReader, RawSamples};
 pub use raw_writer::{RawChange, RawWriter};

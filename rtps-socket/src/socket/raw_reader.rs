@@ -14,6 +14,7 @@ use rtps_user::wire::{EntityId, Guid, KeyHash};
 use super::condition::{Trigger, Watched};
 use super::endpoint::EndpointHandle;
 use super::template::check_endpoint;
+use crate::dcps::EndpointBuiltinTopicData;
 use crate::driver::{Core, Limit, Shared};
 use crate::error::{CreateError, SetQosError, WaitError};
 use crate::filter::PayloadFilter;
@@ -188,9 +189,7 @@ impl RawReader {
         if !core.endpoints.reader(id)?.has_data() {
             return None;
         }
-        core.endpoints
-            .reader_mut(id)?
-            .take_next(&Selection::default())
+        core.endpoints.take_next(id, &Selection::default())
     }
 
     /// Its name.
@@ -201,6 +200,11 @@ impl RawReader {
     /// The writers that it is matched with.
     pub fn matched(&self) -> Vec<Guid> {
         self.endpoint.matched()
+    }
+
+    /// What is known of a writer that it is matched with.
+    pub fn matched_publication_data(&self, writer: Guid) -> Option<EndpointBuiltinTopicData> {
+        self.endpoint.matched_endpoint(writer)
     }
 
     /// Waits until at least `count` writers are matched.

@@ -13,6 +13,8 @@ use rtps_user::writer;
 use super::Group;
 use super::condition::{Trigger, Watched};
 use super::endpoint::{EndpointHandle, deadline};
+use super::loan::{Loan, Pool};
+use crate::dcps::EndpointBuiltinTopicData;
 use crate::driver::{Core, Patience, PatienceCell};
 use crate::error::{SetQosError, WaitError, WriteError};
 use crate::status::{
@@ -42,6 +44,7 @@ pub struct RawWriter {
     max_blocking_time: Option<Duration>,
     patience: PatienceCell,
     is_enabled: AtomicBool,
+    loans: Arc<Pool>,
 }
 
 impl RawWriter {
@@ -55,6 +58,7 @@ impl RawWriter {
             max_blocking_time,
             patience: PatienceCell::new(qos),
             is_enabled: AtomicBool::new(is_enabled),
+            loans: Arc::default(),
         }
     }
 
@@ -67,6 +71,25 @@ impl RawWriter {
             kind: ChangeKind::Alive,
             instance: KeyHash::default(),
             payload: payload.into(),
+            timestamp: None,
+        })
+    }
+
+    /// Lends a buffer for a payload of `len` bytes, its encapsulation header among them.
+    pub fn loan(&self, len: usize) -> Loan {
+        self.loans.lend(len)
+    }
+
+    /// Sends what was written into a loan, without copying it into the history: of the instance with this key hash,
+    /// zeros where the topic has no key.
+    ///
+    /// # Errors
+    /// As [`send_change`](Self::send_change).
+    pub fn send_loaned(&self, loan: Loan, instance: KeyHash) -> Result<SequenceNumber, WriteError> {
+        self.send_change(RawChange {
+            kind: ChangeKind::Alive,
+            instance,
+            payload: loan.into_payload(),
             timestamp: None,
         })
     }
@@ -173,6 +196,11 @@ impl RawWriter {
     /// The readers that it is matched with.
     pub fn matched(&self) -> Vec<Guid> {
         self.endpoint.matched()
+    }
+
+    /// What is known of a reader that it is matched with.
+    pub fn matched_subscription_data(&self, reader: Guid) -> Option<EndpointBuiltinTopicData> {
+        self.endpoint.matched_endpoint(reader)
     }
 
     /// Waits until at least `count` readers are matched.

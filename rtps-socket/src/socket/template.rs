@@ -23,10 +23,8 @@ const MAX_TYPE: usize = MAX_PROTOCOL_MESSAGE / 4;
 pub(crate) struct Template {
     pub(crate) topic: String,
     pub(crate) type_name: String,
-    /// TypeInformation, serialized; may be empty.
-    pub(crate) type_information: Vec<u8>,
-    /// TypeMapping, serialized: the TypeObjects that the TypeInformation names.
-    pub(crate) type_objects: Vec<u8>,
+    /// What others are told of the type; may be nothing.
+    pub(crate) types: TypeSupport,
     /// What a reader wants of its topic, if not all.
     pub(crate) content_filter: Option<ContentFilter>,
     /// The same, for the reader itself.
@@ -47,8 +45,7 @@ impl Template {
         Self {
             topic: topic.to_owned(),
             type_name: type_name.to_owned(),
-            type_information: Vec::new(),
-            type_objects: Vec::new(),
+            types: TypeSupport::default(),
             content_filter: None,
             payload_filter: None,
             make_filter: None,
@@ -61,10 +58,9 @@ impl Template {
 
     /// Says what the type is, unless that takes too much for the layer to be told.
     pub(crate) fn describe<T: DdsType>(&mut self) {
-        let support = T::type_support();
-        if support.information.len() + support.objects.len() <= MAX_TYPE {
-            self.type_information = support.information;
-            self.type_objects = support.objects;
+        let types = T::type_support();
+        if types.information.len() + types.objects.len() <= MAX_TYPE {
+            self.types = types;
         } else {
             tracing::warn!(
                 "type {} is too large to be described: others know its name alone",
@@ -100,8 +96,8 @@ impl Template {
             entity,
             topic: self.topic.clone(),
             type_name: self.type_name.clone(),
-            type_information: self.type_information.clone(),
-            type_objects: self.type_objects.clone(),
+            type_information: self.types.information.clone(),
+            type_objects: self.types.objects.clone(),
             content_filter: self.content_filter.clone(),
             qos: self.qos.clone(),
         }

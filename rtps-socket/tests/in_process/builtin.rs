@@ -53,7 +53,17 @@ fn a_domain_can_be_looked_at() {
         (remote.key, &*remote.user_data),
         (writer.guid().prefix, &b"u"[..])
     );
+    drop((writer, b));
+    support::eventually(|| builtin.participants().is_empty() && builtin.topics().is_empty());
+    assert!(own.matched().is_empty());
+}
 
+#[test]
+fn readers_come_and_go_with_their_filters() {
+    let domain = support::own_network();
+    let (a, b) = (participant(domain), participant(domain));
+    let builtin = a.builtin();
+    let topic = b.create_topic::<Shape>("Watched").unwrap();
     let filtered = b
         .create_content_filtered_topic("Filtered", &topic, "x > %0", &["1"])
         .unwrap();
@@ -62,17 +72,15 @@ fn a_domain_can_be_looked_at() {
     assert!(builtin.wait(seen, LONG));
     support::eventually(|| !builtin.subscriptions().is_empty());
     let filter = builtin.subscriptions().remove(0).content_filter.unwrap();
+    let parameters = ["1".to_owned()];
     assert_eq!(
         (&*filter.expression, &filter.parameters[..]),
-        ("x > %0", &["1".to_owned()][..])
+        ("x > %0", &parameters[..])
     );
-    drop((reader, writer, b));
-    support::eventually(|| {
-        builtin.participants().is_empty()
-            && builtin.topics().is_empty()
-            && builtin.subscriptions().is_empty()
-    });
-    assert!(own.matched().is_empty());
+    drop(reader);
+    support::eventually(|| builtin.subscriptions().is_empty());
+    b.set_user_data(*b"new");
+    support::eventually(|| builtin.participants()[0].user_data == b"new");
 }
 
 #[test]

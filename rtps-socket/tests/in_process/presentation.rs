@@ -174,3 +174,42 @@ fn deadlines_are_missed_on_both_sides() {
         handle
     );
 }
+
+#[test]
+fn the_order_of_a_group_spans_its_readers() {
+    let domain = support::own_network();
+    let (a, b) = (participant(domain), participant(domain));
+    let ordered = || Qos::default().presentation(PresentationScope::Group, false, true);
+    let (publisher, subscriber) = (
+        a.create_publisher(ordered()),
+        b.create_subscriber(ordered()),
+    );
+    let qos = || Qos::reliable().keep_all();
+    let pairs = ["One", "Two"].map(|name| {
+        let topic = a.create_topic::<Shape>(name).unwrap();
+        let writer = publisher.create_writer(&topic, qos()).unwrap();
+        let reader = subscriber.create_reader(&topic, qos()).unwrap();
+        writer.wait_for_matched(1, LONG).unwrap();
+        reader.wait_for_matched(1, LONG).unwrap();
+        (writer, reader)
+    });
+    let written = [0, 1, 1, 0, 1, 0, 0, 1];
+    for (x, which) in (0..).zip(written) {
+        pairs[which].0.write(&shape("BLUE", x, 0)).unwrap();
+    }
+    publisher.wait_for_acknowledgments(LONG).unwrap();
+    let access = subscriber.begin_access();
+    let mut read = Vec::new();
+    for guid in access.readers() {
+        let reader = pairs
+            .iter()
+            .map(|(_, reader)| reader)
+            .find(|reader| reader.guid() == guid);
+        let sample = reader
+            .unwrap()
+            .take_selection(1, &Default::default())
+            .remove(0);
+        read.push(sample.data.unwrap().x);
+    }
+    assert_eq!(read, [0, 1, 2, 3, 4, 5, 6, 7]);
+}

@@ -159,4 +159,10 @@ fn queries_look_into_samples() {
     writer.wait_for_acknowledgments(LONG).unwrap();
     assert_eq!(reader.take_query(9, &query)[0].data.as_ref().unwrap().x, 3);
     assert_eq!(reader.take().len(), 2);
+    query.set_query_parameters(&["9"]).unwrap();
+    assert!(query.set_query_parameters(&[]).is_err());
+    writer.write(&shape("BLUE", 9, 0)).unwrap();
+    assert_eq!(set.wait(SHORT), []);
+    writer.write(&shape("BLUE", 10, 0)).unwrap();
+    assert_eq!(set.wait(LONG).len(), 1);
 }

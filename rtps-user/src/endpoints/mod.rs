@@ -22,7 +22,7 @@ use endpoint::{Endpoint, Scheduled};
 use matched::{Local, Match};
 use schedule::{Mark, Schedule};
 
-use crate::reader::{Reader, ReaderConfig};
+use crate::reader::{Reader, ReaderConfig, Sample, Selection};
 use crate::table::Table;
 use crate::wire::{EntityId, Guid, GuidPrefix};
 use crate::writer::{Writer, WriterConfig};
@@ -111,6 +111,19 @@ impl Endpoints {
     /// A reader, which is polled after that.
     pub fn reader_mut(&mut self, id: EntityId) -> Option<&mut Reader> {
         self.touched(id)?.as_reader_mut()
+    }
+
+    /// Takes the next sample out of a reader. Only where there had been no room in the reader is it polled after that.
+    pub fn take_next(&mut self, reader: EntityId, selection: &Selection) -> Option<Sample> {
+        let place = self.endpoints.find(reader)?;
+        let scheduled = self.endpoints.at_mut(place)?;
+        let reader = scheduled.endpoint.as_reader_mut()?;
+        let makes_room = reader.is_blocked();
+        let sample = reader.take_next(selection);
+        if makes_room {
+            self.schedule.touch(place, &mut scheduled.mark);
+        }
+        sample
     }
 
     /// Matches a local endpoint with a remote one, or updates what is known of a matched one.

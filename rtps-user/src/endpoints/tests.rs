@@ -119,6 +119,13 @@ impl Apps {
         }
     }
 
+    /// The reading app has sent and told all that there is.
+    fn settle(&mut self) {
+        let mut out = Vec::new();
+        while self.reading.poll_transmit(self.now, &mut out).is_some() {}
+        self.events();
+    }
+
     fn events(&mut self) -> Vec<EndpointEvent> {
         std::iter::from_fn(|| self.reading.poll_event()).collect()
     }
@@ -143,6 +150,50 @@ fn one_datagram_serves_all_matched_readers() {
     let expected = [0, 1].map(|index| EndpointEvent::DataAvailable(apps.readers[index]));
     assert_eq!(apps.events(), expected);
     assert_eq!(apps.taken(), [1, 1, 0]);
+}
+
+#[test]
+fn who_takes_one_sample_leaves_all_settled() {
+    let mut apps = Apps::new();
+    let reader = apps.readers[0];
+    apps.write();
+    assert!(!apps.writing.is_settled(apps.now));
+    for datagram in apps.written() {
+        apps.deliver(&datagram).unwrap();
+    }
+    assert!(!apps.reading.is_settled(apps.now));
+    apps.settle();
+    assert!(apps.reading.is_settled(apps.now));
+    let take = |apps: &mut Apps| apps.reading.take_next(reader, &Selection::default());
+    assert!(take(&mut apps).is_some());
+    assert!(take(&mut apps).is_none());
+    assert!(apps.reading.is_settled(apps.now));
+    let due = apps.writing.poll_timeout().unwrap();
+    assert!(apps.writing.is_settled(due - Duration::from_nanos(1)));
+    assert!(!apps.writing.is_settled(due));
+}
+
+#[test]
+fn a_sample_that_waits_for_room_comes_once_another_was_taken() {
+    let mut apps = Apps::new();
+    let full = apps.readers[0];
+    let guid = Guid::new(apps.reading.prefix(), full);
+    let mut qos = qos();
+    qos.resource_limits.max_samples = Some(1);
+    apps.reading.add_reader(ReaderConfig::new(guid, qos));
+    apps.reading
+        .match_remote(apps.now, full, &remote(apps.writer));
+    apps.write();
+    apps.write();
+    for datagram in apps.written() {
+        apps.deliver(&datagram).unwrap();
+    }
+    apps.settle();
+    let take = |apps: &mut Apps| apps.reading.take_next(full, &Selection::default());
+    assert!(take(&mut apps).is_some());
+    assert_eq!(apps.events(), [EndpointEvent::DataAvailable(full)]);
+    assert!(take(&mut apps).is_some());
+    assert!(take(&mut apps).is_none());
 }
 
 #[test]

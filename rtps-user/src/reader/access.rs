@@ -173,6 +173,12 @@ impl Cache {
         Sample { payload, info }
     }
 
+    /// What is known of a sample by itself.
+    pub(super) fn info(&self, place: u32) -> SampleInfo {
+        let entry = self.entries.get(place);
+        info(entry, &self.instances[entry.instance])
+    }
+
     /// Fills in the ranks; called from the last sample of a collection to its first.
     fn rank(&mut self, place: u32, info: &mut SampleInfo) {
         let entry = self.entries.get(place);

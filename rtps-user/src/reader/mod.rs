@@ -169,6 +169,11 @@ impl Reader {
         self.proxies.get(writer).is_some()
     }
 
+    /// Whether samples wait for room, which taking others makes.
+    pub fn is_blocked(&self) -> bool {
+        !self.blocked.is_empty()
+    }
+
     /// The matched writers, in no particular order.
     pub fn matched_writers(&self) -> impl Iterator<Item = Guid> + '_ {
         self.proxies.keys()

@@ -2,7 +2,7 @@
 
 use super::access::Access;
 use super::cache::Cache;
-use super::{PayloadFilter, Reader, Sample, Selection};
+use super::{PayloadFilter, Reader, Sample, SampleInfo, Selection};
 use crate::wire::PayloadKind;
 
 impl Reader {
@@ -29,6 +29,13 @@ impl Reader {
     ) -> Vec<Sample> {
         self.cache
             .collect_where(max, selection, filter, Access::Read)
+    }
+
+    /// What the samples of a selection are known to be, in the order of arrival; they do not count as read, and their
+    /// ranks are 0.
+    pub fn infos<'a>(&'a self, selection: &'a Selection) -> impl Iterator<Item = SampleInfo> + 'a {
+        let places = self.cache.select(selection);
+        places.map(|place| self.cache.info(place))
     }
 
     /// Whether there is a sample of a selection that passes a filter.

@@ -16,3 +16,4 @@ mod payload;
 mod presentation;
 mod robustness;
 mod stage;
+mod vendors;

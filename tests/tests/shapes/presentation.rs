@@ -1,11 +1,13 @@
 //! PRESENTATION: coherent sets come whole, ordered samples in order.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use anyhow::{Context, Result, ensure};
+use rtps_tests::loss::Loss;
 use rtps_tests::process::Process;
+use rtps_tests::{require, skip_unless};
 
-use crate::lines::{self, Sample, are_ascending};
+use crate::lines::{self, Sample};
 use crate::stage::{Ends, on_both_layers, on_the_in_process_layer};
 
 on_both_layers! {
@@ -15,6 +17,8 @@ on_both_layers! {
 
 on_the_in_process_layer! {
     sets_of_an_instance_are_whole,
+    repeated_sets_are_whole,
+    lost_sets_are_absent,
     ordered_within_a_topic,
     ordered_within_an_instance,
     an_open_set_is_not_seen,
@@ -36,11 +40,11 @@ fn subscriber(ends: &Ends<'_>, scope: char, topics: u32) -> Result<Process> {
     ends.subscriber(&format!("--coherent --ordered {arguments}"))
 }
 
-/// The samples of each iteration that is over.
-fn iterations(app: &Process) -> Vec<Vec<Sample>> {
+/// The samples of each iteration that is over; `begin` is in the first line of each.
+fn iterations(app: &Process, begin: &str) -> Vec<Vec<Sample>> {
     let text = app.text();
     let mut iterations: Vec<_> = text
-        .split("Reading coherent sets, iteration ")
+        .split(begin)
         .skip(1)
         .map(|text| text.lines().filter_map(Sample::parse).collect())
         .collect();
@@ -49,10 +53,15 @@ fn iterations(app: &Process) -> Vec<Vec<Sample>> {
 }
 
 /// Waits until so many samples came in iterations that are over.
-fn wait_iterations(app: &Process, samples: usize) -> Result<Vec<Vec<Sample>>> {
-    let count = |app: &Process| iterations(app).iter().map(Vec::len).sum::<usize>();
-    lines::wait_until(app, "coherent sets", |_| count(app) >= samples)?;
-    Ok(iterations(app))
+fn wait_iterations(app: &Process, begin: &str, samples: usize) -> Result<Vec<Vec<Sample>>> {
+    let count = || iterations(app, begin).iter().map(Vec::len).sum::<usize>();
+    lines::wait_until(app, "iterations with samples", |_| count() >= samples)?;
+    Ok(iterations(app, begin))
+}
+
+/// As [`wait_iterations`], of a subscriber with coherent access.
+fn wait_sets(app: &Process, samples: usize) -> Result<Vec<Vec<Sample>>> {
+    wait_iterations(app, "Reading coherent sets, iteration ", samples)
 }
 
 /// Samples by topic and color, in their order.
@@ -81,7 +90,7 @@ fn ensure_whole(sizes: &[u32]) -> Result<()> {
 fn sets_of_an_instance_are_whole(ends: &Ends<'_>) -> Result<()> {
     let _publisher = publisher(ends, 'i', 1)?;
     let subscriber = subscriber(ends, 'i', 1)?;
-    for iteration in wait_iterations(&subscriber, 60)? {
+    for iteration in wait_sets(&subscriber, 60)? {
         for sizes in by_instance(&iteration).values() {
             ensure_whole(sizes)?;
         }
@@ -92,7 +101,7 @@ fn sets_of_an_instance_are_whole(ends: &Ends<'_>) -> Result<()> {
 fn sets_of_a_topic_are_whole(ends: &Ends<'_>) -> Result<()> {
     let _publisher = publisher(ends, 't', 1)?;
     let subscriber = subscriber(ends, 't', 1)?;
-    for iteration in wait_iterations(&subscriber, 60)? {
+    for iteration in wait_sets(&subscriber, 60)? {
         let instances = by_instance(&iteration);
         for sizes in instances.values() {
             ensure_whole(sizes)?;
@@ -107,14 +116,65 @@ fn sets_of_a_topic_are_whole(ends: &Ends<'_>) -> Result<()> {
 fn sets_of_a_group_are_whole(ends: &Ends<'_>) -> Result<()> {
     let _publisher = publisher(ends, 'g', 3)?;
     let subscriber = subscriber(ends, 'g', 3)?;
-    for iteration in wait_iterations(&subscriber, 180)? {
-        let instances = by_instance(&iteration);
+    ensure_whole_groups(&subscriber)
+}
+
+fn ensure_whole_groups(subscriber: &Process) -> Result<()> {
+    let iterations = wait_sets(subscriber, 400)?;
+    // Readers that match later than others are behind with what was written before.
+    let is_matched = |iteration: &Vec<Sample>| by_instance(iteration).len() == 6;
+    let all_matched = iterations.iter().position(is_matched);
+    let later = &iterations[all_matched.context("a topic without samples")? + 1..];
+    for iteration in later {
+        let instances = by_instance(iteration);
         for sizes in instances.values() {
             ensure_whole(sizes)?;
             ensure!(Some(sizes) == instances.values().next(), "{instances:?}");
         }
         ensure!([0, 6].contains(&instances.len()), "{instances:?}");
     }
+    let whole = later.iter().filter(|iteration| is_matched(iteration));
+    ensure!(whole.count() >= 3, "{iterations:?}");
+    Ok(())
+}
+
+/// Losses delay sets and break none.
+fn repeated_sets_are_whole(ends: &Ends<'_>) -> Result<()> {
+    skip_unless!(require::kernel(6, 6));
+    let _publisher = publisher(ends, 'g', 3)?;
+    let subscriber = subscriber(ends, 'g', 3)?;
+    wait_sets(&subscriber, 24)?;
+    let _lossy = ends.lose(Loss::Random(0.2))?;
+    ensure_whole_groups(&subscriber)
+}
+
+/// A set that best effort loses a sample of is lost, and the next one is whole.
+fn lost_sets_are_absent(ends: &Ends<'_>) -> Result<()> {
+    skip_unless!(require::kernel(6, 6));
+    let both = "-b --coherent --access-scope t -k 0";
+    let _publisher = ends.publisher(&format!(
+        "{both} --coherent-sample-count {SET} -z 0 --write-period 10 --num-instances 2"
+    ))?;
+    let subscriber = ends.subscriber(&format!("{both} --read-period 20"))?;
+    wait_sets(&subscriber, 1)?;
+    let lossy = ends.lose(Loss::Random(0.1))?;
+    let mut sets = BTreeMap::<_, usize>::new();
+    for sample in wait_sets(&subscriber, 200)?.concat() {
+        *sets.entry((sample.size - 1) / SET).or_default() += 1;
+    }
+    ensure!(
+        sets.values().all(|samples| *samples == 2 * SET as usize),
+        "{sets:?}"
+    );
+    let dropped = lossy[0].count()?.dropped;
+    let (first, last) = (sets.keys().min(), sets.keys().max());
+    let spanned = last
+        .zip(first)
+        .map(|(last, first)| (last - first + 1) as usize);
+    ensure!(
+        dropped > 0 && spanned > Some(sets.len()),
+        "{dropped} {sets:?}"
+    );
     Ok(())
 }
 
@@ -135,17 +195,23 @@ fn ordered_within_a_topic(ends: &Ends<'_>) -> Result<()> {
     Ok(())
 }
 
+/// With INSTANCE scope what there is at once comes instance by instance.
 fn ordered_within_an_instance(ends: &Ends<'_>) -> Result<()> {
     let arguments = "--ordered --access-scope i -D l -k 0";
     let publisher = format!("{arguments} -z 0 --num-instances 3 --write-period 5");
     let _publisher = ends.publisher(&publisher)?;
-    let subscriber = ends.subscriber(&format!("{arguments} --take-read --read-period 200"))?;
-    let samples = lines::wait_samples(&subscriber, 60)?;
-    for (instance, sizes) in by_instance(&samples) {
-        ensure!(
-            sizes[0] == 1 && are_ascending(&sizes),
-            "{instance:?} {sizes:?}"
-        );
+    let subscriber = ends.subscriber(&format!("{arguments} --take-read --read-period 500"))?;
+    let begin = "Reading with ordered access, iteration ";
+    for iteration in wait_iterations(&subscriber, begin, 60)? {
+        let colors = iteration.iter().map(|sample| &sample.color);
+        let changes = iteration
+            .windows(2)
+            .filter(|pair| pair[0].color != pair[1].color);
+        let (changes, colors) = (changes.count(), BTreeSet::from_iter(colors).len());
+        ensure!(changes + 1 == colors.max(1), "{iteration:?}");
+        for sizes in by_instance(&iteration).values() {
+            ensure!(lines::are_consecutive(sizes), "{iteration:?}");
+        }
     }
     Ok(())
 }

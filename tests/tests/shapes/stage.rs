@@ -6,7 +6,9 @@ use anyhow::Result;
 use rtps_tests::capture::Capture;
 use rtps_tests::layer::{KernelLayer, Layer};
 use rtps_tests::link::Host;
+use rtps_tests::loss::{Direction, Loss, Lossy};
 use rtps_tests::netns::Identity;
+use rtps_tests::peers::Peer;
 use rtps_tests::process::Process;
 use rtps_tests::stage::{self, binaries};
 
@@ -70,6 +72,23 @@ impl Ends<'_> {
         let mut command = self.command(self.far, &format!("-S -t Square {arguments}"))?;
         command.args(["--cft", filter]);
         spawn(command)
+    }
+
+    /// Another vendor's program on the first host.
+    pub(crate) fn near_peer(&self, peer: &Peer, arguments: &str) -> Result<Process> {
+        stage::spawn_peer(&self.near.netns, &self.near.interface, peer, arguments)
+    }
+
+    /// Another vendor's program on the other host.
+    pub(crate) fn far_peer(&self, peer: &Peer, arguments: &str) -> Result<Process> {
+        stage::spawn_peer(&self.far.netns, &self.far.interface, peer, arguments)
+    }
+
+    /// Loses packets in both directions while the value lives: at the sender's end, before XDP takes them off the link.
+    pub(crate) fn lose(&self, loss: Loss) -> Result<[Lossy; 2]> {
+        let attach =
+            |host: &Host| Lossy::attach(&host.netns, &host.interface, Direction::Egress, loss);
+        Ok([attach(self.near)?, attach(self.far)?])
     }
 
     /// Captures what both hosts send.

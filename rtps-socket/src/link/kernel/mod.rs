@@ -261,6 +261,7 @@ impl Link for KernelLink {
 
     fn prepare_sleep(&mut self) -> bool {
         self.bell.arm();
+        self.doorbell.armed();
         let quiet = self.channels.arm() && !self.ring.ring().has_record();
         if !quiet {
             self.awake();
