@@ -8,6 +8,7 @@ use crate::options::PublisherOptions;
 
 /// A coloured shape; the IDL that all vendors share, an appendable struct of this name.
 #[derive(Clone, Debug, DdsType, PartialEq)]
+#[dds(by_name)]
 pub(crate) struct ShapeType {
     #[dds(key, bound = 128)]
     pub(crate) color: String,
