@@ -8,7 +8,7 @@ use nix::sys::socket::{
 };
 use rtps_user::layer::protocol::LAYER_PROTOCOL_VERSION;
 use rtps_user::qos::Qos;
-use rtps_user::wire::{EntityKind, GuidPrefix};
+use rtps_user::wire::{EntityKind, Guid, GuidPrefix};
 
 use super::*;
 use crate::sys::seqpacket::accept;
