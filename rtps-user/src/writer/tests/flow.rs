@@ -182,3 +182,20 @@ fn the_smallest_window_still_lets_everything_through() {
     let repeated = |number| format!("DATA {number} to 1");
     assert!((1..=3).all(|number| lines.contains(&repeated(number))));
 }
+
+#[test]
+fn what_one_reader_has_acknowledged_is_known() {
+    let mut bench = Bench::new(reliable(Durability::Volatile));
+    for number in [1, 2] {
+        bench.match_reader(number, 7411, reliable(Durability::Volatile));
+    }
+    bench.match_reader(3, 7411, Qos::default());
+    bench.write(8);
+    bench.lines();
+    bench.acknack(1, 2, &[]);
+    let has = [1, 2, 3, 4].map(|number| {
+        let reader = reader_guid(number);
+        bench.writer.is_acknowledged_by(reader, SequenceNumber(1))
+    });
+    assert_eq!(has, [true, false, true, false]);
+}
