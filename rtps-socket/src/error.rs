@@ -1,5 +1,6 @@
 //! Errors, one enum per operation; each says what can be done about it.
 
+use rtps_user::qos::PolicyId;
 use rtps_user::writer;
 use thiserror::Error;
 
@@ -8,6 +9,7 @@ pub use crate::link::in_process::InProcessError;
 pub use crate::link::kernel::AttachError;
 
 use crate::cdr::EncodeError;
+use crate::filter::{BindError, ParseError};
 
 /// Why a topic, writer or reader could not be created.
 #[derive(Clone, Debug, Eq, Error, PartialEq)]
@@ -29,6 +31,11 @@ pub enum CreateError {
         /// Of RESOURCE_LIMITS.
         limit: u32,
     },
+    /// A reader that wants samples rarely cannot want them often.
+    #[error(
+        "the minimum separation of TIME_BASED_FILTER exceeds the period of DEADLINE: each deadline would be missed"
+    )]
+    InconsistentSeparation,
     /// Entity ids have 16 bits for an app's endpoints.
     #[error("the participant has 65,535 endpoints already: drop some")]
     TooManyEndpoints,
@@ -51,6 +58,36 @@ pub enum CreateError {
     UnsupportedRepresentation,
 }
 
+/// Why a filter is refused.
+#[derive(Clone, Debug, Eq, Error, PartialEq)]
+#[non_exhaustive]
+pub enum FilterError {
+    /// The expression is none of DDS 1.4 annex B.
+    #[error("the filter cannot be read: {0}")]
+    Parse(#[from] ParseError),
+    /// The expression does not fit the topic's type.
+    #[error("the filter does not fit the type: {0}")]
+    Bind(#[from] BindError),
+    /// There is `%0` to `%99`.
+    #[error("{0} parameters are more than the 100 that an expression can mention")]
+    TooManyParameters(usize),
+    /// The name cannot be one.
+    #[error(transparent)]
+    Refused(#[from] CreateError),
+}
+
+/// Why policies were not changed. All stay as they were.
+#[derive(Clone, Debug, Eq, Error, PartialEq)]
+#[non_exhaustive]
+pub enum SetQosError {
+    /// IMMUTABLE_POLICY: others have matched because of it.
+    #[error("{0:?} cannot change once the entity is there: create another")]
+    Immutable(PolicyId),
+    /// What cannot be created cannot be changed to either.
+    #[error(transparent)]
+    Refused(#[from] CreateError),
+}
+
 /// Why a sample was not written.
 #[derive(Clone, Debug, Eq, Error, PartialEq)]
 #[non_exhaustive]
@@ -70,9 +107,22 @@ pub enum WriteError {
     /// A payload begins with its 4-byte encapsulation header.
     #[error("a raw payload of {0} bytes has no encapsulation header (RTPS 2.5 section 10.2)")]
     NoEncapsulation(usize),
+    /// What was written into a loan is not of the type.
+    #[error(
+        "the loan has no sample of type {0} in it: serialize one, with its encapsulation header"
+    )]
+    NoSample(&'static str),
     /// Only topics with keys have instances to dispose or unregister.
     #[error("the topic has no key, so there is no instance to dispose or unregister")]
     NoKey,
+    /// An endpoint of a publisher that does not enable what it creates.
+    #[error("the writer is not enabled yet: enable it or its publisher first")]
+    NotEnabled,
+    /// Handles come from registering an instance.
+    #[error(
+        "the handle is of no instance that is registered with this writer: register_instance gives one"
+    )]
+    UnknownInstance,
     /// The writer has been withdrawn.
     #[error("the writer's participant is closed")]
     Closed,
@@ -99,6 +149,9 @@ pub enum WaitError {
     /// The layer was set up anew, and the participant is no longer part of the domain.
     #[error("the layer was unloaded: open the participant again")]
     LayerLost,
+    /// Repairs are under way, or a writer has stopped.
+    #[error("the history of a matched writer has not come in time")]
+    HistoryIncomplete,
     /// Samples are under way, or a reader has stopped.
     #[error("a reliable reader has not acknowledged everything in time")]
     Unacknowledged,

@@ -15,10 +15,11 @@ pub mod cdr;
 mod dcps;
 mod driver;
 pub mod error;
+pub mod filter;
 mod link;
 pub mod qos;
 mod socket;
-mod status;
+pub mod status;
 #[expect(
     unsafe_code,
     reason = "memory shared with the kernel, and system calls without a safe wrapper"
@@ -27,7 +28,10 @@ mod sys;
 
 pub use bytes::Bytes;
 pub use dcps::{
-    DataReader, DataWriter, DomainParticipant, Publisher, Sample, Samples, Subscriber, Topic,
+    Access, BuiltinTopics, CoherentChanges, Condition, ContentFilteredTopic, DataReader,
+    DataWriter, DomainParticipant, EndpointBuiltinTopicData, GuardCondition,
+    ParticipantBuiltinTopicData, Publisher, QueryCondition, ReadCondition, Sample, Samples,
+    StatusCondition, Subscriber, Topic, TopicBuiltinTopicData, TopicDescription, WaitSet,
 };
 pub use link::{LayerChoice, LayerKind};
 pub use qos::Qos;
@@ -38,7 +42,8 @@ pub use rtps_user::reader::{
     Selection, ViewState,
 };
 pub use rtps_user::wire::{
-    EntityId, Guid, GuidPrefix, KeyHash, PayloadKind, SequenceNumber, Timestamp,
+    EntityId, Guid, GuidPrefix, KeyHash, KeyHash as InstanceHandle, PayloadKind, SequenceNumber,
+    Timestamp,
 };
-pub use socket::{Builder, RawChange, RawReader, RawSamples, RawWriter, RtpsSocket};
-pub use status::StatusEvent;
+pub use socket::{Builder, Loan, RawChange, RawReader, RawSamples, RawWriter, RtpsSocket};
+pub use status::{EntityEvent, StatusEvent, StatusKind, StatusMask};

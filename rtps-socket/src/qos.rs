@@ -9,12 +9,15 @@ use std::time::Duration;
 pub use rtps_user::qos as policies;
 use rtps_user::qos::{
     DataRepresentation, Deadline, LatencyBudget, Lifespan, Liveliness, Ownership, Partition,
-    Presentation, ResourceLimits,
+    Presentation, ReaderDataLifecycle, ResourceLimits, TimeBasedFilter, WriterDataLifecycle,
 };
 pub use rtps_user::qos::{
-    DestinationOrder, Durability, History, LivelinessKind, PolicyId, PresentationScope, Reliability,
+    DestinationOrder, Durability, DurabilityService, History, LivelinessKind, PolicyId,
+    PresentationScope, Reliability, TypeConsistency,
 };
 use rtps_user::wire;
+
+use crate::driver::Inherits;
 
 /// The policies of a writer or reader.
 ///
@@ -28,6 +31,8 @@ use rtps_user::wire;
 pub struct Qos {
     reliability: Option<Reliability>,
     policies: policies::Qos,
+    /// ENTITY_FACTORY, turned round: its default is true.
+    leaves_disabled: bool,
 }
 
 impl Qos {
@@ -93,6 +98,20 @@ impl Qos {
         self
     }
 
+    /// DURABILITY.
+    #[must_use]
+    pub fn durability(mut self, durability: Durability) -> Self {
+        self.policies.durability = durability;
+        self
+    }
+
+    /// DURABILITY_SERVICE: what TRANSIENT and PERSISTENT writers keep for readers that join late.
+    #[must_use]
+    pub fn durability_service(mut self, service: DurabilityService) -> Self {
+        self.policies.durability_service = service;
+        self
+    }
+
     /// DEADLINE: the longest time between two samples of an instance.
     #[must_use]
     pub fn deadline(mut self, period: Duration) -> Self {
@@ -133,6 +152,55 @@ impl Qos {
     #[must_use]
     pub fn lifespan(mut self, lifespan: Duration) -> Self {
         self.policies.lifespan = Lifespan(wire::Duration::from_std(lifespan));
+        self
+    }
+
+    /// TIME_BASED_FILTER: a reader wants no two samples of an instance within less time.
+    #[must_use]
+    pub fn time_based_filter(mut self, minimum_separation: Duration) -> Self {
+        let separation = wire::Duration::from_std(minimum_separation);
+        self.policies.time_based_filter = TimeBasedFilter(separation);
+        self
+    }
+
+    /// TRANSPORT_PRIORITY: a writer's datagrams carry it as DSCP, 0 to 63.
+    #[must_use]
+    pub fn transport_priority(mut self, priority: i32) -> Self {
+        self.policies.transport_priority = priority;
+        self
+    }
+
+    /// WRITER_DATA_LIFECYCLE: whether an instance that the writer unregisters is disposed as well, as it is by default.
+    #[must_use]
+    pub fn autodispose_unregistered_instances(mut self, autodispose: bool) -> Self {
+        self.policies.writer_data_lifecycle = WriterDataLifecycle {
+            autodispose_unregistered_instances: autodispose,
+        };
+        self
+    }
+
+    /// READER_DATA_LIFECYCLE: how long samples that nobody takes stay after their instance has lost its last writer, or
+    /// was disposed; for ever by default.
+    #[must_use]
+    pub fn autopurge(mut self, nowriter: Duration, disposed: Duration) -> Self {
+        self.policies.reader_data_lifecycle = ReaderDataLifecycle {
+            autopurge_nowriter_samples_delay: wire::Duration::from_std(nowriter),
+            autopurge_disposed_samples_delay: wire::Duration::from_std(disposed),
+        };
+        self
+    }
+
+    /// TYPE_CONSISTENCY_ENFORCEMENT: which writers' types a reader takes.
+    #[must_use]
+    pub fn type_consistency(mut self, consistency: TypeConsistency) -> Self {
+        self.policies.type_consistency = consistency;
+        self
+    }
+
+    /// ENTITY_FACTORY: whether a publisher or subscriber enables what it creates, as it does by default.
+    #[must_use]
+    pub fn autoenable_created_entities(mut self, autoenable: bool) -> Self {
+        self.leaves_disabled = !autoenable;
         self
     }
 
@@ -201,6 +269,17 @@ impl Qos {
         self
     }
 
+    /// TOPIC_DATA is the topic's, where nothing is said of it.
+    #[must_use]
+    pub(crate) fn on_topic(mut self, topic: &Self) -> Self {
+        if self.policies.topic_data.is_empty() {
+            self.policies
+                .topic_data
+                .clone_from(&topic.policies.topic_data);
+        }
+        self
+    }
+
     /// What a publisher or subscriber says for its endpoints, where this one says nothing itself.
     #[must_use]
     pub(crate) fn in_group(mut self, group: &Self) -> Self {
@@ -215,6 +294,24 @@ impl Qos {
             own.group_data.clone_from(&group.group_data);
         }
         self
+    }
+
+    /// What an endpoint with these policies has from its publisher or subscriber.
+    pub(crate) fn inherits(&self) -> Inherits {
+        Inherits {
+            partition: self.policies.partition == Partition::default(),
+            group_data: self.policies.group_data.is_empty(),
+        }
+    }
+
+    /// ENTITY_FACTORY.
+    pub(crate) fn autoenables(&self) -> bool {
+        !self.leaves_disabled
+    }
+
+    /// PRESENTATION.
+    pub(crate) fn presentation_policy(&self) -> Presentation {
+        self.policies.presentation
     }
 
     /// The policies of a writer.
@@ -233,6 +330,51 @@ impl Qos {
         }
         policies
     }
+}
+
+/// The first policy of two sets that differ in it although it may not change (DDS 1.4 section 2.2.3), OWNERSHIP's
+/// strength and RELIABILITY's time aside.
+pub(crate) fn changed_for_good(before: &policies::Qos, after: &policies::Qos) -> Option<PolicyId> {
+    let kind = |ownership| matches!(ownership, Ownership::Exclusive { .. });
+    [
+        (
+            before.reliability != after.reliability,
+            PolicyId::Reliability,
+        ),
+        (before.durability != after.durability, PolicyId::Durability),
+        (
+            before.durability_service != after.durability_service,
+            PolicyId::DurabilityService,
+        ),
+        (before.history != after.history, PolicyId::History),
+        (
+            before.resource_limits != after.resource_limits,
+            PolicyId::ResourceLimits,
+        ),
+        (before.liveliness != after.liveliness, PolicyId::Liveliness),
+        (
+            kind(before.ownership) != kind(after.ownership),
+            PolicyId::Ownership,
+        ),
+        (
+            before.destination_order != after.destination_order,
+            PolicyId::DestinationOrder,
+        ),
+        (
+            before.presentation != after.presentation,
+            PolicyId::Presentation,
+        ),
+        (
+            before.representation != after.representation,
+            PolicyId::DataRepresentation,
+        ),
+        (
+            before.type_consistency != after.type_consistency,
+            PolicyId::TypeConsistency,
+        ),
+    ]
+    .into_iter()
+    .find_map(|(differs, policy)| differs.then_some(policy))
 }
 
 #[cfg(test)]
@@ -273,5 +415,32 @@ mod tests {
             .in_group(&group)
             .into_reader();
         assert_eq!(own.partition.0, ["own"]);
+    }
+
+    #[test]
+    fn what_may_not_change_is_named() {
+        let before = Qos::reliable().exclusive_ownership(1).into_writer();
+        let after = Qos::reliable()
+            .exclusive_ownership(2)
+            .deadline(Duration::from_secs(1))
+            .partition(["p"])
+            .user_data(*b"u")
+            .into_writer();
+        assert_eq!(changed_for_good(&before, &after), None);
+        for (after, policy) in [
+            (Qos::reliable(), PolicyId::Ownership),
+            (Qos::best_effort(), PolicyId::Reliability),
+            (Qos::reliable().transient_local(), PolicyId::Durability),
+            (Qos::reliable().keep_all(), PolicyId::History),
+            (Qos::reliable().xcdr2(), PolicyId::DataRepresentation),
+        ] {
+            let after = after.into_writer();
+            let ownership = before.ownership;
+            let after = match policy {
+                PolicyId::Ownership => after,
+                _ => policies::Qos { ownership, ..after },
+            };
+            assert_eq!(changed_for_good(&before, &after), Some(policy));
+        }
     }
 }

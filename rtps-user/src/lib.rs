@@ -6,12 +6,15 @@
 #![forbid(unsafe_code)]
 
 mod count;
+mod deadline;
 pub mod discovery;
 pub mod endpoints;
+pub mod filter;
 pub mod history;
 pub mod ipv6;
 pub mod layer;
 pub mod local;
+mod own_keys;
 pub mod qos;
 pub mod reader;
 mod remote;
@@ -20,7 +23,9 @@ mod table;
 mod transmit;
 pub mod wire;
 pub mod writer;
+pub mod xtypes;
 
 pub use count::CountClock;
+pub use own_keys::{OwnKeyHasher, OwnKeys};
 pub use remote::RemoteEndpoint;
 pub use transmit::Transmit;

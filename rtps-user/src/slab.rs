@@ -38,6 +38,14 @@ impl<T> Slab<T> {
         Some(value)
     }
 
+    /// Drops a value where it is.
+    pub(crate) fn clear(&mut self, place: u32) {
+        if let Some(value @ Some(_)) = self.places.get_mut(place as usize) {
+            *value = None;
+            self.free.push(place);
+        }
+    }
+
     pub(crate) fn get(&self, place: u32) -> Option<&T> {
         self.places.get(place as usize)?.as_ref()
     }

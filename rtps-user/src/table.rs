@@ -1,33 +1,33 @@
 //! Values by key, each at a place of its own, for what is looked up for every submessage.
 //!
 //! Submessages of one sender come in a row, so that the value that was found last is looked at before the hash table is.
-//! The hash is a keyed one: the keys are what others choose.
+//! The hash is a keyed one where the keys are what others choose.
 
 use std::collections::HashMap;
-use std::hash::Hash;
+use std::hash::{BuildHasher, Hash, RandomState};
 use std::ops::{Index, IndexMut};
 
 use crate::slab::Slab;
 
 #[derive(Debug)]
-pub(crate) struct Table<K, V> {
+pub(crate) struct Table<K, V, S = RandomState> {
     values: Slab<V>,
-    places: HashMap<K, u32>,
+    places: HashMap<K, u32, S>,
     /// What was found last.
     recent: Option<(K, u32)>,
 }
 
-impl<K, V> Default for Table<K, V> {
+impl<K, V, S: Default> Default for Table<K, V, S> {
     fn default() -> Self {
         Self {
             values: Slab::default(),
-            places: HashMap::new(),
+            places: HashMap::default(),
             recent: None,
         }
     }
 }
 
-impl<K: Copy + Eq + Hash, V> Table<K, V> {
+impl<K: Copy + Eq + Hash, V, S: BuildHasher> Table<K, V, S> {
     pub(crate) fn len(&self) -> usize {
         self.values.len()
     }
@@ -91,12 +91,12 @@ impl<K: Copy + Eq + Hash, V> Table<K, V> {
     }
 
     /// The places in use.
-    pub(crate) fn places(&self) -> impl Iterator<Item = u32> + use<K, V> {
+    pub(crate) fn places(&self) -> impl Iterator<Item = u32> + use<K, V, S> {
         self.values.places()
     }
 }
 
-impl<K, V> Index<u32> for Table<K, V> {
+impl<K, V, S> Index<u32> for Table<K, V, S> {
     type Output = V;
 
     #[inline]
@@ -105,7 +105,7 @@ impl<K, V> Index<u32> for Table<K, V> {
     }
 }
 
-impl<K, V> IndexMut<u32> for Table<K, V> {
+impl<K, V, S> IndexMut<u32> for Table<K, V, S> {
     #[inline]
     fn index_mut(&mut self, place: u32) -> &mut V {
         &mut self.values[place]
@@ -118,7 +118,7 @@ mod tests {
 
     #[test]
     fn what_was_found_last_is_forgotten_with_its_value() {
-        let mut table = Table::default();
+        let mut table: Table<_, _> = Table::default();
         let first = table.insert("a", 1);
         table.insert("b", 2);
         assert_eq!(table.find("a"), Some(first));
@@ -132,7 +132,7 @@ mod tests {
 
     #[test]
     fn a_value_replaces_that_of_the_same_key() {
-        let mut table = Table::default();
+        let mut table: Table<_, _> = Table::default();
         table.insert("a", 1);
         let place = table.insert("a", 2);
         assert_eq!(table.len(), 1);

@@ -8,6 +8,8 @@ use std::sync::Arc;
 pub struct Transmit {
     /// Where the datagram goes, each destination once. Shared, because it rarely changes between datagrams.
     pub destinations: Arc<[SocketAddr]>,
+    /// The DSCP that it is to be marked with, the upper six bits of the IP header's TOS; 0 means nothing special.
+    pub dscp: u8,
 }
 
 impl Transmit {
@@ -15,6 +17,7 @@ impl Transmit {
     pub fn to(destination: SocketAddr) -> Self {
         Self {
             destinations: Arc::new([destination]),
+            dscp: 0,
         }
     }
 }

@@ -3,7 +3,9 @@
 use proc_macro2::TokenStream;
 use quote::{ToTokens, quote};
 use syn::meta::ParseNestedMeta;
-use syn::{Attribute, Expr, Ident, LitInt, LitStr, Token};
+use syn::{Attribute, Expr, Ident, LitInt, LitStr, Path};
+
+use crate::discriminator::Label;
 
 /// Member ids have 28 bits.
 const MAX_MEMBER_ID: u32 = 0x0fff_ffff;
@@ -33,7 +35,9 @@ impl ToTokens for Extensibility {
 pub(crate) struct TypeAttributes {
     pub(crate) extensibility: Extensibility,
     pub(crate) bit_bound: Option<LitInt>,
-    pub(crate) discriminator: Option<Ident>,
+    pub(crate) discriminator: Option<Path>,
+    /// Endpoints announce no type: they are matched by its name alone.
+    pub(crate) by_name: bool,
     type_name: Option<LitStr>,
 }
 
@@ -53,10 +57,12 @@ impl TypeAttributes {
                 parsed.bit_bound = Some(item.value()?.parse()?);
             } else if item.path.is_ident("discriminator") {
                 parsed.discriminator = Some(item.value()?.parse::<LitStr>()?.parse()?);
+            } else if item.path.is_ident("by_name") {
+                parsed.by_name = true;
             } else {
                 return Err(item.error(
-                    "a type takes `final`, `appendable`, `mutable`, `type_name`, `bit_bound` or \
-                     `discriminator`",
+                    "a type takes `final`, `appendable`, `mutable`, `type_name`, `bit_bound`, \
+                     `discriminator` or `by_name`",
                 ));
             }
             Ok(())
@@ -66,10 +72,15 @@ impl TypeAttributes {
 
     /// The registered type name; without one given, the Rust name.
     pub(crate) fn type_name(&self, ident: &Ident) -> String {
-        match &self.type_name {
-            Some(name) => name.value(),
-            None => ident.to_string().trim_start_matches("r#").to_owned(),
-        }
+        idl_name(self.type_name.as_ref(), ident)
+    }
+}
+
+/// The name that was given, or else the Rust name.
+pub(crate) fn idl_name(given: Option<&LitStr>, ident: &Ident) -> String {
+    match given {
+        Some(name) => name.value(),
+        None => ident.to_string().trim_start_matches("r#").to_owned(),
     }
 }
 
@@ -79,6 +90,9 @@ pub(crate) struct FieldAttributes {
     pub(crate) key: bool,
     pub(crate) id: Option<u32>,
     pub(crate) bound: Option<Expr>,
+    /// `u8` stands for IDL's `octet` and not for `uint8`.
+    pub(crate) octet: bool,
+    pub(crate) name: Option<LitStr>,
     pub(crate) default: Option<Expr>,
     pub(crate) non_serialized: bool,
 }
@@ -97,11 +111,15 @@ impl FieldAttributes {
                 parsed.default = Some(item.value()?.parse()?);
             } else if item.path.is_ident("non_serialized") {
                 parsed.non_serialized = true;
+            } else if item.path.is_ident("octet") {
+                parsed.octet = true;
+            } else if item.path.is_ident("name") {
+                parsed.name = Some(item.value()?.parse()?);
             } else if item.path.is_ident("optional") {
                 return Err(item.error("a member is optional when its type is `Option<...>`"));
             } else {
                 return Err(item.error(
-                    "a field takes `key`, `id`, `bound`, `default = expression` or \
+                    "a field takes `key`, `id`, `name`, `bound`, `octet`, `default = expression` or \
                      `non_serialized`",
                 ));
             }
@@ -114,8 +132,10 @@ impl FieldAttributes {
 /// Attributes of an enum's variant.
 #[derive(Default)]
 pub(crate) struct VariantAttributes {
-    pub(crate) cases: Vec<i128>,
+    pub(crate) cases: Vec<Label>,
     pub(crate) default: bool,
+    pub(crate) octet: bool,
+    pub(crate) name: Option<LitStr>,
 }
 
 impl VariantAttributes {
@@ -123,14 +143,15 @@ impl VariantAttributes {
         let mut parsed = Self::default();
         for_each_item(attributes, |item| {
             if item.path.is_ident("case") {
-                let value = item.value()?;
-                let negative = value.parse::<Option<Token![-]>>()?.is_some();
-                let case: i128 = value.parse::<LitInt>()?.base10_parse()?;
-                parsed.cases.push(if negative { -case } else { case });
+                parsed.cases.push(item.value()?.parse()?);
             } else if item.path.is_ident("default") {
                 parsed.default = true;
+            } else if item.path.is_ident("octet") {
+                parsed.octet = true;
+            } else if item.path.is_ident("name") {
+                parsed.name = Some(item.value()?.parse()?);
             } else {
-                return Err(item.error("a variant takes `case` or `default`"));
+                return Err(item.error("a variant takes `case`, `default`, `name` or `octet`"));
             }
             Ok(())
         })?;

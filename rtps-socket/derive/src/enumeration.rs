@@ -2,9 +2,11 @@
 
 use proc_macro2::TokenStream;
 use quote::{format_ident, quote};
-use syn::{DataEnum, DeriveInput, Error, Ident};
+use syn::{DataEnum, DeriveInput, Error, Ident, Variant};
 
-use crate::attributes::{TypeAttributes, VariantAttributes};
+use crate::attributes::{TypeAttributes, VariantAttributes, idl_name};
+use crate::description;
+use crate::fields;
 
 pub(crate) fn expand(
     input: &DeriveInput,
@@ -14,8 +16,11 @@ pub(crate) fn expand(
     let cdr = crate::cdr();
     let ident = &input.ident;
     let type_name = attributes.type_name(ident);
-    let holder = holder(attributes)?;
+    let bit_bound = bit_bound(attributes)?;
+    let holder = holder(bit_bound);
     let default = default_literal(data)?;
+    let definition = definition(attributes, data, bit_bound, default)?;
+    let describe = description::function(&type_name, Some(&definition));
     let literals: Vec<_> = data.variants.iter().map(|variant| &variant.ident).collect();
     let first = &data.variants[0].ident;
     let initial = default.unwrap_or(first);
@@ -25,6 +30,9 @@ pub(crate) fn expand(
             Err(#cdr::DecodeError::InvalidEnum { type_name: #type_name, value: value.into() })
         },
     };
+    let names = data.variants.iter().map(literal_name);
+    let names = names.collect::<syn::Result<Vec<_>>>()?;
+    let field_access = fields::of_enumeration(ident, &literals, &names);
     Ok(quote! {
         #[automatically_derived]
         impl #cdr::CdrType for #ident {
@@ -54,24 +62,65 @@ pub(crate) fn expand(
             fn add_key_size(size: &mut #cdr::KeySize) {
                 <#holder as #cdr::CdrType>::add_key_size(size);
             }
+
+            #field_access
+
+            #describe
         }
     })
 }
 
-/// The integer that the bit bound selects, XTypes 7.4.3.5.
-fn holder(attributes: &TypeAttributes) -> syn::Result<Ident> {
+fn bit_bound(attributes: &TypeAttributes) -> syn::Result<u16> {
     let Some(literal) = &attributes.bit_bound else {
-        return Ok(format_ident!("i32"));
+        return Ok(32);
     };
     match literal.base10_parse()? {
-        1..=8u32 => Ok(format_ident!("i8")),
-        9..=16 => Ok(format_ident!("i16")),
-        17..=32 => Ok(format_ident!("i32")),
+        bound @ 1..=32 => Ok(bound),
         _ => Err(Error::new_spanned(
             literal,
             "the bit bound of an enumeration is 1 to 32",
         )),
     }
+}
+
+/// The integer that the bit bound selects, XTypes 7.4.3.5.
+fn holder(bit_bound: u16) -> Ident {
+    match bit_bound {
+        0..=8 => format_ident!("i8"),
+        9..=16 => format_ident!("i16"),
+        _ => format_ident!("i32"),
+    }
+}
+
+fn definition(
+    attributes: &TypeAttributes,
+    data: &DataEnum,
+    bit_bound: u16,
+    default: Option<&Ident>,
+) -> syn::Result<TokenStream> {
+    let cdr = crate::cdr();
+    let extensibility = attributes.extensibility;
+    let literals = data.variants.iter().map(|variant| {
+        let ident = &variant.ident;
+        let name = literal_name(variant)?;
+        let is_default = default == Some(ident);
+        Ok(quote! {
+            #cdr::Literal { name: #name, value: Self::#ident as i32, default: #is_default }
+        })
+    });
+    let literals = literals.collect::<syn::Result<Vec<_>>>()?;
+    Ok(quote! {
+        #cdr::Definition::Enum {
+            extensibility: #extensibility,
+            bit_bound: #bit_bound,
+            literals: ::std::vec![#(#literals),*],
+        }
+    })
+}
+
+fn literal_name(variant: &Variant) -> syn::Result<String> {
+    let attributes = VariantAttributes::parse(&variant.attrs)?;
+    Ok(idl_name(attributes.name.as_ref(), &variant.ident))
 }
 
 fn default_literal(data: &DataEnum) -> syn::Result<Option<&Ident>> {

@@ -4,7 +4,10 @@
 //! that module; the encoding rules themselves are written there, not here.
 
 mod attributes;
+mod description;
+mod discriminator;
 mod enumeration;
+mod fields;
 mod structure;
 mod union;
 
@@ -31,14 +34,18 @@ use attributes::TypeAttributes;
 /// An enum whose variants have no data is an IDL enumeration; one with data is an IDL union.
 ///
 /// On the type: `final`, `appendable` (the default) or `mutable`; `type_name = "module::Name"`;
-/// enumerations: `bit_bound = 8` (or 16, 32); unions: `discriminator = "u8"` (default `i32`).
+/// enumerations: `bit_bound = 8` (or 16, 32); unions: `discriminator = "u8"` (default `i32`; an
+/// integer, `bool`, `char` or an enumeration);
+/// `by_name`: endpoints announce no TypeInformation, and are matched by the type's name alone.
 ///
 /// On a struct's field: `key`; `id = 7` (default: the preceding one plus 1, from 0); `bound = 128`
 /// for strings, sequences and maps; `default = expression` for values that the sender does not
-/// know; `non_serialized`. `Option` makes a member optional.
+/// know; `non_serialized`; `octet` where `u8` is IDL's `octet` and not `uint8`; `name = "x"` where
+/// IDL has another name. `Option` makes a member optional.
 ///
-/// On a variant: `case = 3` (repeatable; default: the preceding one plus 1, from 0) in unions;
-/// `default` for what no other variant stands for.
+/// On a variant: `case = 3`, `true`, `'a'` or `Color::Red` (repeatable; for integers
+/// by default the preceding one plus 1, from 0) in unions;
+/// `default` for what no other variant stands for; `name` and `octet` as on fields.
 #[proc_macro_derive(DdsType, attributes(dds))]
 pub fn derive_dds_type(input: TokenStream) -> TokenStream {
     let input = parse_macro_input!(input as DeriveInput);
@@ -106,12 +113,17 @@ fn dds_type_impl(
     let (impl_generics, type_generics, where_clause) = generics.split_for_impl();
     let type_name = attributes.type_name(ident);
     let extensibility = attributes.extensibility.to_token_stream();
+    let fields = fields::fields_impl(input);
+    let is_described = !attributes.by_name;
     quote! {
+        #fields
+
         #[automatically_derived]
         impl #impl_generics #cdr::DdsType for #ident #type_generics #where_clause {
             const TYPE_NAME: &'static str = #type_name;
             const EXTENSIBILITY: #cdr::Extensibility = #extensibility;
             const HAS_KEY: bool = #has_key;
+            const IS_DESCRIBED: bool = #is_described;
         }
     }
 }

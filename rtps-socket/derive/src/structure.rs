@@ -4,7 +4,9 @@ use proc_macro2::TokenStream;
 use quote::{format_ident, quote};
 use syn::{DeriveInput, Error, Expr, FieldsNamed, Ident, Type};
 
-use crate::attributes::{Extensibility, FieldAttributes, TypeAttributes};
+use crate::attributes::{Extensibility, FieldAttributes, TypeAttributes, idl_name};
+use crate::description;
+use crate::fields::{self, StructField};
 
 pub(crate) fn expand(
     input: &DeriveInput,
@@ -21,7 +23,7 @@ pub(crate) fn expand(
         return Err(Error::new_spanned(ident, "`discriminator` is for unions"));
     }
     let structure = Structure::parse(attributes.extensibility, fields)?;
-    let cdr_type = structure.cdr_type_impl(input);
+    let cdr_type = structure.cdr_type_impl(input, &attributes.type_name(&input.ident));
     let dds_type = crate::dds_type_impl(input, attributes, structure.has_key());
     Ok(quote!(#cdr_type #dds_type))
 }
@@ -35,9 +37,11 @@ struct Structure<'a> {
 struct Member<'a> {
     ident: &'a Ident,
     ty: &'a Type,
+    name: String,
     id: u32,
     key: bool,
     bound: Option<Expr>,
+    octet: bool,
     default: TokenStream,
 }
 
@@ -92,27 +96,25 @@ impl<'a> Structure<'a> {
         members
     }
 
-    fn cdr_type_impl(&self, input: &DeriveInput) -> TokenStream {
+    fn cdr_type_impl(&self, input: &DeriveInput, type_name: &str) -> TokenStream {
         let cdr = crate::cdr();
         let ident = &input.ident;
         let generics = crate::bound_generics(&input.generics);
         let (impl_generics, type_generics, where_clause) = generics.split_for_impl();
         let extensibility = self.extensibility;
         let types = self.members.iter().map(|member| member.ty);
-        let length_code = match extensibility {
-            Extensibility::Final => quote!(NextInt),
-            Extensibility::Appendable | Extensibility::Mutable => quote!(SharedBytes),
-        };
         let encode = self.encode();
         let decode = match extensibility {
             Extensibility::Final | Extensibility::Appendable => self.decode_in_order(),
             Extensibility::Mutable => self.decode_by_id(),
         };
         let default = self.default_value();
+        let describe = description::function(type_name, Some(&self.definition()));
         let key_size = self
             .key_members_by_id()
             .into_iter()
             .map(Member::add_key_size);
+        let field_access = fields::of_struct(self.fields());
         quote! {
             #[automatically_derived]
             impl #impl_generics #cdr::CdrType for #ident #type_generics #where_clause {
@@ -120,7 +122,6 @@ impl<'a> Structure<'a> {
                     #extensibility,
                     0 #(+ <#types as #cdr::Member>::MIN_SIZE)*
                 );
-                const LENGTH_CODE: #cdr::LengthCode = #cdr::LengthCode::#length_code;
 
                 fn encode(
                     &self,
@@ -138,8 +139,34 @@ impl<'a> Structure<'a> {
                 fn default_value() -> Self { #default }
 
                 fn add_key_size(size: &mut #cdr::KeySize) { #(#key_size)* }
+
+                #field_access
+
+                #describe
             }
         }
+    }
+
+    fn definition(&self) -> TokenStream {
+        let cdr = crate::cdr();
+        let extensibility = self.extensibility;
+        let members = self.members.iter().map(Member::definition);
+        quote! {
+            #cdr::Definition::Struct {
+                extensibility: #extensibility,
+                members: ::std::vec![#(#members),*],
+            }
+        }
+    }
+
+    fn fields(&self) -> impl Iterator<Item = StructField<'_>> {
+        let has_key = self.has_key();
+        self.members.iter().map(move |member| StructField {
+            ident: member.ident,
+            name: &member.name,
+            ty: member.ty,
+            is_key: member.key || !has_key,
+        })
     }
 
     fn encode(&self) -> TokenStream {
@@ -262,21 +289,36 @@ impl<'a> Member<'a> {
         Self {
             ident,
             ty,
+            name: idl_name(attributes.name.as_ref(), ident),
             id,
             key: attributes.key,
             bound: attributes.bound,
+            octet: attributes.octet,
             default,
         }
     }
 
-    fn name(&self) -> String {
-        self.ident.to_string().trim_start_matches("r#").to_owned()
-    }
-
     fn info(&self) -> TokenStream {
         let cdr = crate::cdr();
-        let (name, id, key) = (self.name(), self.id, self.key);
+        let (name, id, key) = (&self.name, self.id, self.key);
         quote!(#cdr::MemberInfo { name: #name, id: #id, must_understand: #key })
+    }
+
+    fn definition(&self) -> TokenStream {
+        let cdr = crate::cdr();
+        let Self {
+            ty, name, id, key, ..
+        } = self;
+        let member_type = description::member_type(ty, self.bound.as_ref(), self.octet);
+        quote! {
+            #cdr::StructMember {
+                name: #name,
+                id: #id,
+                key: #key,
+                optional: <#ty as #cdr::Member>::IS_OPTIONAL,
+                member_type: #member_type,
+            }
+        }
     }
 
     fn put(&self) -> TokenStream {
@@ -288,7 +330,7 @@ impl<'a> Member<'a> {
 
     fn check(&self, value: &TokenStream) -> Option<TokenStream> {
         let cdr = crate::cdr();
-        let name = self.name();
+        let name = &self.name;
         let bound = self.bound.as_ref()?;
         Some(quote!(#cdr::check_bound(#name, #bound, #value)?;))
     }

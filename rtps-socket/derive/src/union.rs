@@ -1,12 +1,13 @@
 //! Unions: enums with data, encoded as a discriminator and the member that it selects.
 
-use proc_macro2::{Literal, TokenStream};
+use proc_macro2::TokenStream;
 use quote::quote;
 use syn::{DataEnum, DeriveInput, Error, Fields, Ident, Type, Variant};
 
-use crate::attributes::{Extensibility, TypeAttributes, VariantAttributes};
-
-const DISCRIMINATORS: [&str; 8] = ["i8", "u8", "i16", "u16", "i32", "u32", "i64", "u64"];
+use crate::attributes::{Extensibility, TypeAttributes, VariantAttributes, idl_name};
+use crate::description;
+use crate::discriminator::{Discriminator, Label};
+use crate::fields::{self, UnionField};
 
 pub(crate) fn expand(
     input: &DeriveInput,
@@ -19,8 +20,8 @@ pub(crate) fn expand(
             "unions are final or appendable here",
         ));
     }
-    let discriminator = discriminator(attributes)?;
-    let cases = Case::parse_all(data)?;
+    let discriminator = Discriminator::parse(attributes)?;
+    let cases = Case::parse_all(data, &discriminator)?;
     let cdr_type = cdr_type_impl(input, attributes, &discriminator, &cases);
     let dds_type = crate::dds_type_impl(input, attributes, false);
     Ok(quote!(#cdr_type #dds_type))
@@ -30,17 +31,21 @@ pub(crate) fn expand(
 struct Case<'a> {
     ident: &'a Ident,
     member: Option<&'a Type>,
-    labels: Vec<i128>,
+    labels: Vec<Label>,
+    /// The only label is one that was made up, to send the default with.
+    implicit: bool,
     default: bool,
+    name: String,
+    octet: bool,
 }
 
 impl<'a> Case<'a> {
-    fn parse_all(data: &'a DataEnum) -> syn::Result<Vec<Self>> {
+    fn parse_all(data: &'a DataEnum, discriminator: &Discriminator) -> syn::Result<Vec<Self>> {
         let mut cases: Vec<Self> = Vec::new();
         let mut next = 0;
         for variant in &data.variants {
-            let case = Self::parse(variant, &mut next)?;
-            let taken = |label: &i128| cases.iter().any(|other| other.labels.contains(label));
+            let case = Self::parse(variant, discriminator, &mut next)?;
+            let taken = |label: &Label| cases.iter().any(|other| other.labels.contains(label));
             if case.labels.iter().any(taken) {
                 return Err(Error::new_spanned(variant, "another variant has this case"));
             }
@@ -52,15 +57,27 @@ impl<'a> Case<'a> {
             }
             cases.push(case);
         }
-        let unused = (0..).find(|label| cases.iter().all(|case| !case.labels.contains(label)));
+        let labels = cases.iter().flat_map(|case| case.labels.clone());
+        let unused = discriminator.unused(&labels.collect::<Vec<_>>());
         for case in cases.iter_mut().filter(|case| case.labels.is_empty()) {
             // The default: it is sent with a value that selects nothing else.
-            case.labels.extend(unused);
+            case.labels.extend(unused.clone());
+            case.implicit = true;
+            if unused.is_none() {
+                return Err(Error::new_spanned(
+                    case.ident,
+                    "give the default a `case` as well, which it is sent with",
+                ));
+            }
         }
         Ok(cases)
     }
 
-    fn parse(variant: &'a Variant, next: &mut i128) -> syn::Result<Self> {
+    fn parse(
+        variant: &'a Variant,
+        discriminator: &Discriminator,
+        next: &mut i128,
+    ) -> syn::Result<Self> {
         let attributes = VariantAttributes::parse(&variant.attrs)?;
         let member = match &variant.fields {
             Fields::Unit => None,
@@ -74,23 +91,32 @@ impl<'a> Case<'a> {
         };
         let mut labels = attributes.cases;
         if labels.is_empty() && !attributes.default {
-            labels.push(*next);
+            if !matches!(discriminator, Discriminator::Integer(_)) {
+                return Err(Error::new_spanned(
+                    variant,
+                    "name the value that selects it: `case = ...`",
+                ));
+            }
+            labels.push(Label::Number(*next));
         }
-        if let Some(last) = labels.last() {
+        if let Some(Label::Number(last)) = labels.last() {
             *next = last + 1;
         }
         Ok(Self {
             ident: &variant.ident,
             member,
             labels,
+            implicit: false,
             default: attributes.default,
+            name: idl_name(attributes.name.as_ref(), &variant.ident),
+            octet: attributes.octet,
         })
     }
 
-    fn encode(&self, discriminator: &Ident) -> TokenStream {
+    fn encode(&self, discriminator: &Discriminator) -> TokenStream {
         let cdr = crate::cdr();
         let ident = self.ident;
-        let label = self.labels.first().map(|label| literal(*label));
+        let label = self.labels.first();
         let put = quote! {
             let discriminator: #discriminator = #label;
             #cdr::CdrType::encode(&discriminator, encoder)?;
@@ -103,10 +129,37 @@ impl<'a> Case<'a> {
         }
     }
 
+    fn definition(&self, id: u32) -> Option<TokenStream> {
+        let cdr = crate::cdr();
+        let (name, default) = (&self.name, self.default);
+        let member_type = description::member_type(self.member?, None, self.octet);
+        let labels = self.labels.iter().filter(|_| !self.implicit);
+        let labels = labels.map(Label::object_value);
+        let labels = labels.collect::<Option<Vec<_>>>()?;
+        Some(quote! {
+            #cdr::UnionMember {
+                name: #name,
+                id: #id,
+                default: #default,
+                labels: ::std::vec![#(#labels),*],
+                member_type: #member_type,
+            }
+        })
+    }
+
     fn decode(&self) -> TokenStream {
-        let labels = self.labels.iter().map(|label| literal(*label));
+        let labels = &self.labels;
         let construct = self.construct(&quote!(decode(decoder)?));
         quote!(#(#labels)|* => Ok(#construct),)
+    }
+
+    fn field(&self) -> UnionField<'_> {
+        UnionField {
+            ident: self.ident,
+            name: &self.name,
+            ty: self.member,
+            label: self.labels.first(),
+        }
     }
 
     /// The variant, its member from a function of `CdrType`.
@@ -123,7 +176,7 @@ impl<'a> Case<'a> {
 fn cdr_type_impl(
     input: &DeriveInput,
     attributes: &TypeAttributes,
-    discriminator: &Ident,
+    discriminator: &Discriminator,
     cases: &[Case<'_>],
 ) -> TokenStream {
     let cdr = crate::cdr();
@@ -131,19 +184,19 @@ fn cdr_type_impl(
     let generics = crate::bound_generics(&input.generics);
     let (impl_generics, type_generics, where_clause) = generics.split_for_impl();
     let extensibility = attributes.extensibility;
-    let length_code = match extensibility {
-        Extensibility::Final => quote!(NextInt),
-        Extensibility::Appendable | Extensibility::Mutable => quote!(SharedBytes),
-    };
     let encode = cases.iter().map(|case| case.encode(discriminator));
     let decode = cases.iter().map(Case::decode);
-    let unknown = unknown_discriminator(cases, &attributes.type_name(ident));
+    let unknown = unknown_discriminator(discriminator, cases, &attributes.type_name(ident));
     let initial = cases
         .iter()
         .find(|case| case.default)
         .or_else(|| cases.first());
     let initial = initial.map(|case| case.construct(&quote!(default_value())));
     let members = cases.iter().filter_map(|case| case.member);
+    let fields: Vec<_> = cases.iter().map(Case::field).collect();
+    let field_access = fields::of_union(discriminator, &fields);
+    let definition = definition(extensibility, discriminator, cases);
+    let describe = description::function(&attributes.type_name(ident), definition.as_ref());
     quote! {
         #[automatically_derived]
         impl #impl_generics #cdr::CdrType for #ident #type_generics #where_clause {
@@ -151,7 +204,6 @@ fn cdr_type_impl(
                 #extensibility,
                 <#discriminator as #cdr::CdrType>::MIN_SIZE,
             );
-            const LENGTH_CODE: #cdr::LengthCode = #cdr::LengthCode::#length_code;
 
             fn encode(
                 &self,
@@ -165,6 +217,7 @@ fn cdr_type_impl(
             ) -> ::core::result::Result<Self, #cdr::DecodeError> {
                 decoder.aggregate(#extensibility, |decoder| {
                     let discriminator: #discriminator = #cdr::CdrType::decode(decoder)?;
+                    #[allow(unreachable_patterns, reason = "every value may have a member")]
                     match discriminator { #(#decode)* #unknown }
                 })
             }
@@ -175,12 +228,43 @@ fn cdr_type_impl(
                 <#discriminator as #cdr::CdrType>::add_key_size(size);
                 size.add_largest(&[#(<#members as #cdr::CdrType>::add_key_size),*]);
             }
+
+            #field_access
+
+            #describe
         }
     }
 }
 
-fn unknown_discriminator(cases: &[Case<'_>], type_name: &str) -> TokenStream {
+/// Members are numbered in their order. `None` where a TypeObject has no room for a label.
+fn definition(
+    extensibility: Extensibility,
+    discriminator: &Discriminator,
+    cases: &[Case<'_>],
+) -> Option<TokenStream> {
     let cdr = crate::cdr();
+    let members = cases
+        .iter()
+        .filter(|case| case.member.is_some())
+        .zip(0u32..);
+    let members = members.map(|(case, id)| case.definition(id));
+    let members = members.collect::<Option<Vec<_>>>()?;
+    Some(quote! {
+        #cdr::Definition::Union {
+            extensibility: #extensibility,
+            discriminator: <#discriminator as #cdr::CdrType>::describe(types)?,
+            members: ::std::vec![#(#members),*],
+        }
+    })
+}
+
+fn unknown_discriminator(
+    discriminator: &Discriminator,
+    cases: &[Case<'_>],
+    type_name: &str,
+) -> TokenStream {
+    let cdr = crate::cdr();
+    let number = discriminator.number();
     if let Some(default) = cases.iter().find(|case| case.default) {
         let construct = default.construct(&quote!(decode(decoder)?));
         return quote!(_ => Ok(#construct),);
@@ -188,35 +272,7 @@ fn unknown_discriminator(cases: &[Case<'_>], type_name: &str) -> TokenStream {
     quote! {
         other => Err(#cdr::DecodeError::UnknownDiscriminator {
             type_name: #type_name,
-            value: other.into(),
+            value: #number,
         }),
-    }
-}
-
-fn discriminator(attributes: &TypeAttributes) -> syn::Result<Ident> {
-    if let Some(literal) = &attributes.bit_bound {
-        return Err(Error::new_spanned(
-            literal,
-            "`bit_bound` is for enumerations; a union has a `discriminator`",
-        ));
-    }
-    let Some(ident) = &attributes.discriminator else {
-        return Ok(Ident::new("i32", proc_macro2::Span::call_site()));
-    };
-    if DISCRIMINATORS.iter().any(|name| ident == name) {
-        return Ok(ident.clone());
-    }
-    Err(Error::new_spanned(
-        ident,
-        format!("a discriminator is one of {}", DISCRIMINATORS.join(", ")),
-    ))
-}
-
-fn literal(label: i128) -> TokenStream {
-    let magnitude = Literal::u128_unsuffixed(label.unsigned_abs());
-    if label < 0 {
-        quote!(-#magnitude)
-    } else {
-        quote!(#magnitude)
     }
 }

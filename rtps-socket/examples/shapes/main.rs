@@ -20,7 +20,9 @@ use serde_json::{Value, json};
 
 use options::{Options, Switch};
 
+// By name: peers have the type as final or appendable, and their last member as octets or not.
 #[derive(DdsType)]
+#[dds(by_name)]
 struct ShapeType {
     #[dds(key, bound = 128)]
     color: String,
@@ -198,8 +200,8 @@ fn print_status(event: StatusEvent) {
         StatusEvent::LivelinessChanged { alive, .. } => {
             print(&json!({"event": "liveliness", "alive": alive}));
         }
-        StatusEvent::DeadlineMissed { .. } => {
-            print(&json!({"event": "deadline_missed", "total": 1}))
+        StatusEvent::RequestedDeadlineMissed { total, .. } => {
+            print(&json!({"event": "deadline_missed", "total": total}))
         }
         StatusEvent::SampleLost { count, .. } => {
             print(&json!({"event": "sample_lost", "count": count}))

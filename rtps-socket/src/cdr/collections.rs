@@ -3,7 +3,13 @@
 use std::collections::{BTreeMap, HashMap};
 use std::hash::{BuildHasher, Hash};
 
-use super::{Bounded, CdrType, DecodeError, Decoder, EncodeError, Encoder, KeySize, LengthCode};
+use rtps_user::xtypes::{TypeBuilder, TypePair};
+
+use super::fields::{element_type, index, leaf_type};
+use super::{
+    Bounded, CdrType, DecodeError, Decoder, EncodeError, Encoder, FieldType, KeySize, Kind,
+    LengthCode, Value,
+};
 
 /// An IDL `string`: its length with the NUL, the characters, the NUL.
 impl CdrType for String {
@@ -41,6 +47,18 @@ impl CdrType for String {
     fn add_key_size(size: &mut KeySize) {
         size.add_unbounded();
     }
+
+    fn value_at(&self, path: &[&str]) -> Option<Value<'_>> {
+        path.is_empty().then_some(Value::Str(self))
+    }
+
+    fn type_at(path: &[&str]) -> Option<FieldType> {
+        leaf_type(path, Kind::String)
+    }
+
+    fn describe(_: &mut TypeBuilder) -> Option<TypePair> {
+        Some(TypePair::string(false, 0))
+    }
 }
 
 impl Bounded for String {
@@ -51,6 +69,10 @@ impl Bounded for String {
     fn add_bounded_key_size(size: &mut KeySize, bound: usize) {
         size.add(4, 1);
         size.add(1, bound.saturating_add(1));
+    }
+
+    fn describe_bounded(_: &mut TypeBuilder, bound: u32) -> Option<TypePair> {
+        Some(TypePair::string(false, bound))
     }
 }
 
@@ -84,6 +106,19 @@ impl<T: CdrType> CdrType for Vec<T> {
     fn add_key_size(size: &mut KeySize) {
         size.add_unbounded();
     }
+
+    fn value_at(&self, path: &[&str]) -> Option<Value<'_>> {
+        let (at, path) = index(path)?;
+        self.get(at)?.value_at(path)
+    }
+
+    fn type_at(path: &[&str]) -> Option<FieldType> {
+        element_type::<T>(path)
+    }
+
+    fn describe(types: &mut TypeBuilder) -> Option<TypePair> {
+        Some(T::describe(types)?.sequence(0))
+    }
 }
 
 impl<T: CdrType> Bounded for Vec<T> {
@@ -95,6 +130,10 @@ impl<T: CdrType> Bounded for Vec<T> {
         size.add_delimiter(T::IS_PRIMITIVE);
         size.add(4, 1);
         size.add_repeated(bound, T::add_key_size);
+    }
+
+    fn describe_bounded(types: &mut TypeBuilder, bound: u32) -> Option<TypePair> {
+        Some(T::describe(types)?.sequence(bound))
     }
 }
 
@@ -124,6 +163,10 @@ impl<T: CdrType, const N: usize> CdrType for [T; N] {
         size.add_repeated(N, T::add_key_size);
     }
 
+    fn describe(types: &mut TypeBuilder) -> Option<TypePair> {
+        Some(T::describe(types)?.array(u32::try_from(N).ok()?))
+    }
+
     fn encode_flat(&self, encoder: &mut Encoder<'_>) -> Result<(), EncodeError> {
         if T::IS_PRIMITIVE {
             return T::encode_slice(self, encoder);
@@ -137,6 +180,15 @@ impl<T: CdrType, const N: usize> CdrType for [T; N] {
         }
         self.iter_mut()
             .try_for_each(|item| item.decode_flat(decoder))
+    }
+
+    fn value_at(&self, path: &[&str]) -> Option<Value<'_>> {
+        let (at, path) = index(path)?;
+        self.get(at)?.value_at(path)
+    }
+
+    fn type_at(path: &[&str]) -> Option<FieldType> {
+        element_type::<T>(path)
     }
 }
 
@@ -163,12 +215,24 @@ impl<T: CdrType> CdrType for Box<T> {
         T::add_key_size(size);
     }
 
+    fn describe(types: &mut TypeBuilder) -> Option<TypePair> {
+        T::describe(types)
+    }
+
     fn encode_flat(&self, encoder: &mut Encoder<'_>) -> Result<(), EncodeError> {
         T::encode_flat(self, encoder)
     }
 
     fn decode_flat(&mut self, decoder: &mut Decoder<'_>) -> Result<(), DecodeError> {
         T::decode_flat(self, decoder)
+    }
+
+    fn value_at(&self, path: &[&str]) -> Option<Value<'_>> {
+        T::value_at(self, path)
+    }
+
+    fn type_at(path: &[&str]) -> Option<FieldType> {
+        T::type_at(path)
     }
 }
 
@@ -206,6 +270,10 @@ macro_rules! map {
             fn add_key_size(size: &mut KeySize) {
                 size.add_unbounded();
             }
+
+            fn describe(types: &mut TypeBuilder) -> Option<TypePair> {
+                Some(K::describe(types)?.map_to(V::describe(types)?, 0))
+            }
         }
 
         impl<K: CdrType, V: CdrType $(, $hasher)?> Bounded for $map<K, V $(, $hasher)?> {
@@ -220,6 +288,10 @@ macro_rules! map {
                     K::add_key_size(size);
                     V::add_key_size(size);
                 });
+            }
+
+            fn describe_bounded(types: &mut TypeBuilder, bound: u32) -> Option<TypePair> {
+                Some(K::describe(types)?.map_to(V::describe(types)?, bound))
             }
         }
     };

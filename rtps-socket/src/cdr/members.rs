@@ -1,5 +1,7 @@
 //! Members of aggregated types: optional or not, bounded or not, and the ids they carry.
 
+use rtps_user::xtypes::{TypeBuilder, TypePair};
+
 use super::{CdrType, KeySize};
 
 /// What the encoding of a struct needs to know of a member besides its type.
@@ -92,6 +94,11 @@ pub trait Bounded {
     fn bounded_len(&self) -> usize;
     /// Adds the largest size that the bound leaves.
     fn add_bounded_key_size(size: &mut KeySize, bound: usize);
+    /// As [`CdrType::describe`], with the bound.
+    fn describe_bounded(types: &mut TypeBuilder, bound: u32) -> Option<TypePair> {
+        let _ = (types, bound);
+        None
+    }
 }
 
 impl<B: Bounded> Bounded for Option<B> {
@@ -103,6 +110,10 @@ impl<B: Bounded> Bounded for Option<B> {
         size.add_optional();
         B::add_bounded_key_size(size, bound);
     }
+
+    fn describe_bounded(types: &mut TypeBuilder, bound: u32) -> Option<TypePair> {
+        B::describe_bounded(types, bound)
+    }
 }
 
 impl<B: Bounded> Bounded for Box<B> {
@@ -112,6 +123,10 @@ impl<B: Bounded> Bounded for Box<B> {
 
     fn add_bounded_key_size(size: &mut KeySize, bound: usize) {
         B::add_bounded_key_size(size, bound);
+    }
+
+    fn describe_bounded(types: &mut TypeBuilder, bound: u32) -> Option<TypePair> {
+        B::describe_bounded(types, bound)
     }
 }
 

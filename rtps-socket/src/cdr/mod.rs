@@ -32,6 +32,7 @@ mod collections;
 mod decoder;
 mod encoder;
 mod error;
+mod fields;
 mod key;
 mod members;
 mod payload;
@@ -44,12 +45,18 @@ mod tests;
 pub use decoder::{Decoder, MemberDecoder, MemberHeader};
 pub use encoder::{Encoder, MemberEncoder};
 pub use error::{BoundExceeded, DecodeError, EncodeError};
+pub use fields::member_type;
 pub use key::{KeySize, key_hash};
 pub use members::{Bounded, Member, MemberInfo, check_bound};
 pub use payload::{
     Encapsulation, Representation, from_key_payload, from_payload, key_payload, to_payload,
 };
-pub use types::{ByteOrder, CdrType, DdsType, Extensibility, LengthCode, Scope, min_struct_size};
+pub use rtps_user::filter::{FieldType, Fields, Kind, Value};
+pub use rtps_user::xtypes::{
+    Definition, Extensibility, Literal, StructMember, TypeBuilder, TypePair, TypeSupport,
+    UnionMember,
+};
+pub use types::{ByteOrder, CdrType, DdsType, LengthCode, Scope, min_struct_size};
 
 /// How deep aggregated types may nest in one sample, in both directions.
 ///

@@ -1,6 +1,12 @@
 //! Primitive types, and runs of them: one copy where the byte order is this machine's.
 
-use super::{ByteOrder, CdrType, DecodeError, Decoder, EncodeError, Encoder, KeySize, LengthCode};
+use rtps_user::xtypes::{TypeBuilder, TypeKind, TypePair};
+
+use super::fields::leaf_type;
+use super::{
+    ByteOrder, CdrType, DecodeError, Decoder, EncodeError, Encoder, FieldType, KeySize, Kind,
+    LengthCode, Value,
+};
 
 /// A number as it stands on the wire.
 pub(super) trait Primitive: Copy {
@@ -72,7 +78,7 @@ macro_rules! primitive {
 }
 
 macro_rules! cdr_number {
-    ($($type:ty)*) => {$(
+    ($field:ident, $value:ident: $($type:ty = $kind:ident)*) => {$(
         impl CdrType for $type {
             const IS_PRIMITIVE: bool = true;
             const MIN_SIZE: usize = size_of::<$type>();
@@ -95,6 +101,10 @@ macro_rules! cdr_number {
                 size.add(size_of::<$type>(), 1);
             }
 
+            fn describe(_: &mut TypeBuilder) -> Option<TypePair> {
+                Some(TypePair::primitive(TypeKind::$kind))
+            }
+
             fn encode_slice(items: &[Self], encoder: &mut Encoder<'_>) -> Result<(), EncodeError> {
                 encoder.put_all(items);
                 Ok(())
@@ -107,12 +117,22 @@ macro_rules! cdr_number {
             fn decode_slice(decoder: &mut Decoder<'_>, items: &mut [Self]) -> Result<(), DecodeError> {
                 decoder.take_slice(items)
             }
+
+            fn value_at(&self, path: &[&str]) -> Option<Value<'_>> {
+                path.is_empty().then(|| Value::$value((*self).into()))
+            }
+
+            fn type_at(path: &[&str]) -> Option<FieldType> {
+                leaf_type(path, Kind::$field)
+            }
         }
     )*};
 }
 
 primitive!(i8 i16 u16 i32 u32 i64 u64 f32 f64);
-cdr_number!(u8 i8 i16 u16 i32 u32 i64 u64 f32 f64);
+cdr_number!(Integer, Int: i8 = INT8 i16 = INT16 i32 = INT32 i64 = INT64);
+cdr_number!(Integer, UInt: u8 = UINT8 u16 = UINT16 u32 = UINT32 u64 = UINT64);
+cdr_number!(Float, Float: f32 = FLOAT32 f64 = FLOAT64);
 
 impl Primitive for u8 {
     const SIZE: usize = 1;
@@ -167,6 +187,18 @@ impl CdrType for bool {
     fn add_key_size(size: &mut KeySize) {
         size.add(1, 1);
     }
+
+    fn value_at(&self, path: &[&str]) -> Option<Value<'_>> {
+        path.is_empty().then_some(Value::Bool(*self))
+    }
+
+    fn type_at(path: &[&str]) -> Option<FieldType> {
+        leaf_type(path, Kind::Bool)
+    }
+
+    fn describe(_: &mut TypeBuilder) -> Option<TypePair> {
+        Some(TypePair::primitive(TypeKind::BOOLEAN))
+    }
 }
 
 /// An IDL `char`: one byte, of ISO 8859-1.
@@ -191,5 +223,17 @@ impl CdrType for char {
 
     fn add_key_size(size: &mut KeySize) {
         size.add(1, 1);
+    }
+
+    fn value_at(&self, path: &[&str]) -> Option<Value<'_>> {
+        path.is_empty().then_some(Value::Char(*self))
+    }
+
+    fn type_at(path: &[&str]) -> Option<FieldType> {
+        leaf_type(path, Kind::Char)
+    }
+
+    fn describe(_: &mut TypeBuilder) -> Option<TypePair> {
+        Some(TypePair::primitive(TypeKind::CHAR8))
     }
 }

@@ -1,6 +1,8 @@
 //! The traits of types that have a CDR encoding, and the words they are described with.
 
-use super::{DecodeError, Decoder, EncodeError, Encoder, KeySize};
+use rtps_user::xtypes::{Extensibility, TypeBuilder, TypePair, TypeSupport};
+
+use super::{DecodeError, Decoder, EncodeError, Encoder, FieldType, Fields, KeySize, Value};
 
 /// Order of the bytes of a multi-byte primitive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -9,17 +11,6 @@ pub enum ByteOrder {
     Little,
     /// Most significant byte first.
     Big,
-}
-
-/// How a type may evolve, XTypes 7.2.3.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Extensibility {
-    /// Never changes.
-    Final,
-    /// May get members at its end.
-    Appendable,
-    /// May gain, lose and reorder members, which carry their ids.
-    Mutable,
 }
 
 /// Which members of an aggregated type are encoded, and how.
@@ -114,6 +105,25 @@ pub trait CdrType: Sized {
     /// Adds the largest serialized size of the type as (part of) a key.
     fn add_key_size(size: &mut KeySize);
 
+    /// The value of the member at `path`, as [`Fields::field`] gives it; content filters have no access to the members
+    /// of a type that does not say.
+    fn value_at(&self, path: &[&str]) -> Option<Value<'_>> {
+        let _ = path;
+        None
+    }
+
+    /// The type of the member at `path`; `None` where there is no such member.
+    fn type_at(path: &[&str]) -> Option<FieldType> {
+        let _ = path;
+        None
+    }
+
+    /// Says what the type is, for its TypeObject; `None` where that cannot be said.
+    fn describe(types: &mut TypeBuilder) -> Option<TypePair> {
+        let _ = types;
+        None
+    }
+
     /// Appends `items` without a count.
     ///
     /// # Errors
@@ -166,13 +176,33 @@ pub trait CdrType: Sized {
 }
 
 /// A type that can be the type of a topic. Implemented by `#[derive(DdsType)]`.
-pub trait DdsType: CdrType {
+pub trait DdsType: CdrType + Fields {
     /// The registered type name, which must be the same on all sides.
     const TYPE_NAME: &'static str;
     /// Selects the encoding together with the representation.
     const EXTENSIBILITY: Extensibility;
     /// Whether the topic has instances.
     const HAS_KEY: bool;
+
+    /// Whether endpoints announce what the type is; else they are matched by its name alone.
+    const IS_DESCRIBED: bool = true;
+
+    /// The type's TypeInformation (XTypes 7.6.3.2.1) as its endpoints announce it, and the TypeObjects
+    /// that it names. Empty where the type is not described, or cannot be: where it refers to itself, or
+    /// uses a type whose [`CdrType`] is implemented by hand without [`describe`](CdrType::describe).
+    #[must_use]
+    fn type_support() -> TypeSupport {
+        match Self::IS_DESCRIBED {
+            true => TypeBuilder::describe(Self::describe),
+            false => TypeSupport::default(),
+        }
+    }
+
+    /// The first part of [`type_support`](Self::type_support).
+    #[must_use]
+    fn type_information() -> Vec<u8> {
+        Self::type_support().information
+    }
 }
 
 /// [`CdrType::MIN_SIZE`] of a struct whose members take at least `members` bytes together.

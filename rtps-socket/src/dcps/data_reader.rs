@@ -1,75 +1,66 @@
 //! DataReader (DDS 1.4 section 2.2.2.5.3).
 
-use std::collections::HashMap;
 use std::pin::Pin;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::task::{Context, Poll};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use bytes::Bytes;
 use futures_core::Stream;
-use rtps_user::reader::{self, InstanceOf, InstanceState, SampleInfo, Selection};
-use rtps_user::wire::{Guid, KeyHash, PayloadKind};
+use rtps_user::wire::Guid;
 
-use super::{Sample, Topic, instance_of};
-use crate::cdr::{
-    DdsType, DecodeError, Encapsulation, Representation, from_key_payload, from_payload,
-    key_payload,
-};
-use crate::error::{CreateError, WaitError};
-use crate::qos::Qos;
-use crate::socket::{RawReader, RtpsSocket};
-use crate::status::StatusEvent;
+use super::EndpointBuiltinTopicData;
+use super::Sample;
+use super::access::{Form, instance_of_payload};
+use super::content_filtered_topic::Filter;
+use super::keys::Keys;
+use crate::cdr::DdsType;
+use crate::error::{CreateError, SetQosError, WaitError};
+use crate::qos::{Qos, policies};
+use crate::socket::{FilterSetter, RawReader, RtpsSocket, Template};
 
 /// A reader of samples of type `T`. Dropped, it is withdrawn.
 pub struct DataReader<T> {
-    reader: RawReader,
-    /// The keys of the instances that are alive: who disposes one may send its hash alone.
-    keys: Mutex<HashMap<KeyHash, Bytes>>,
+    pub(super) reader: RawReader,
+    pub(super) keys: Keys,
+    /// Where it belongs to a filtered topic: what its filter is changed with, as long as the reader is there.
+    _filtered: Option<Arc<FilterSetter>>,
     sample: std::marker::PhantomData<fn() -> T>,
 }
 
 impl<T: DdsType> DataReader<T> {
     pub(super) fn new(
         socket: &RtpsSocket,
-        topic: &Topic<T>,
-        qos: Qos,
+        mut template: Template,
+        filter: Option<&Filter>,
     ) -> Result<Self, CreateError> {
-        let instance_of = T::HAS_KEY.then(payload_instance::<T>);
+        template.describe::<T>();
+        if let Some(filter) = filter {
+            let (announced, payloads) = filter.current();
+            template.content_filter = Some(announced);
+            template.payload_filter = Some(payloads);
+        }
+        let instance_of = T::HAS_KEY.then(instance_of_payload::<T>);
+        let reader = socket.create_reader_of(template, instance_of)?;
+        let filtered = filter.map(|filter| {
+            let setter = Arc::new(reader.filter_setter());
+            filter.follow(&setter).map(|()| setter)
+        });
+        let filtered = filtered.transpose()?;
         Ok(Self {
-            reader: socket.create_reader(topic.name(), T::TYPE_NAME, qos, instance_of)?,
-            keys: Mutex::default(),
+            reader,
+            keys: Keys::default(),
+            _filtered: filtered,
             sample: std::marker::PhantomData,
         })
-    }
-
-    /// Takes all samples, without waiting.
-    pub fn take(&self) -> Vec<Sample<T>> {
-        self.take_selection(usize::MAX, &Selection::default())
-    }
-
-    /// Takes up to `max` samples of a selection, without waiting.
-    pub fn take_selection(&self, max: usize, selection: &Selection) -> Vec<Sample<T>> {
-        self.decode_all(self.reader.take(max, selection))
-    }
-
-    /// Reads all samples that have not been read before; they stay in the reader.
-    pub fn read(&self) -> Vec<Sample<T>> {
-        self.read_selection(usize::MAX, &Selection::not_read())
-    }
-
-    /// Reads up to `max` samples of a selection, which stay in the reader and count as read then.
-    pub fn read_selection(&self, max: usize, selection: &Selection) -> Vec<Sample<T>> {
-        self.decode_all(self.reader.read(max, selection))
     }
 
     /// Takes the next sample, waiting for it up to `timeout`; `None` when none has come. A wait without end ends where the
     /// layer is lost, of which [`StatusEvent::LayerLost`] tells.
     pub fn take_next(&self, timeout: Duration) -> Option<Sample<T>> {
-        let deadline = Instant::now().checked_add(timeout);
+        let mut limit = timeout.into();
         loop {
-            let sample = self.reader.recv_until(deadline)?;
-            if let Some(sample) = self.decode(sample) {
+            let sample = self.reader.recv_within(&mut limit)?;
+            if let Some(sample) = self.decode(sample, Form::Take) {
                 return Some(sample);
             }
         }
@@ -95,7 +86,7 @@ impl<T: DdsType> DataReader<T> {
             let Poll::Ready(sample) = self.reader.poll_recv(context) else {
                 return Poll::Pending;
             };
-            if let Some(sample) = self.decode(sample) {
+            if let Some(sample) = self.decode(sample, Form::Take) {
                 return Poll::Ready(sample);
             }
         }
@@ -111,6 +102,11 @@ impl<T: DdsType> DataReader<T> {
         self.reader.matched()
     }
 
+    /// What is known of a writer that it is matched with.
+    pub fn matched_publication_data(&self, writer: Guid) -> Option<EndpointBuiltinTopicData> {
+        self.reader.matched_publication_data(writer)
+    }
+
     /// Waits until at least `count` writers are matched.
     ///
     /// # Errors
@@ -119,82 +115,33 @@ impl<T: DdsType> DataReader<T> {
         self.reader.wait_for_matched(count, timeout)
     }
 
-    /// What has happened since the last call, up to the newest 256 events; nothing where there is a listener.
-    pub fn status_events(&self) -> Vec<StatusEvent> {
-        self.reader.status_events()
+    /// Waits until everything has come that writers matched now keep for readers that come late: of TRANSIENT_LOCAL and
+    /// up. Of writers that are still to be matched it knows nothing: see [`wait_for_matched`](Self::wait_for_matched).
+    ///
+    /// # Errors
+    /// When it has not before `timeout`.
+    pub fn wait_for_historical_data(&self, timeout: Duration) -> Result<(), WaitError> {
+        self.reader.wait_for_historical_data(timeout)
     }
 
-    /// Has `listener` called with every event, by whatever thread drives.
-    pub fn set_listener(&self, listener: impl Fn(StatusEvent) + Send + Sync + 'static) {
-        self.reader.set_listener(listener);
+    /// Its policies, with those of its subscriber.
+    pub fn qos(&self) -> policies::Qos {
+        self.reader.qos()
     }
 
-    fn decode_all(&self, samples: Vec<reader::Sample>) -> Vec<Sample<T>> {
-        let samples = samples.into_iter();
-        samples.filter_map(|sample| self.decode(sample)).collect()
+    /// Changes its policies, and has others learn of it: USER_DATA, DEADLINE, LATENCY_BUDGET, TIME_BASED_FILTER,
+    /// READER_DATA_LIFECYCLE and, where it has no subscriber, PARTITION.
+    ///
+    /// # Errors
+    /// When a policy is among them that may not change, or that makes no sense.
+    pub fn set_qos(&self, qos: Qos) -> Result<(), SetQosError> {
+        self.reader.set_qos(qos)
     }
 
-    /// The typed sample; what is not of the type is reported and left out.
-    fn decode(&self, sample: reader::Sample) -> Option<Sample<T>> {
-        let info = sample.info;
-        let decoded = match info.valid_data {
-            true => from_payload(&sample.payload).map(|data| (Some(data), None)),
-            false => self.decode_key(&sample).map(|key| (None, key)),
-        };
-        match decoded {
-            Ok((data, key)) => {
-                self.note_instance(&info, data.as_ref());
-                Some(Sample { data, key, info })
-            }
-            Err(error) => {
-                let writer = info.writer;
-                tracing::warn!(%writer, "a sample is left out, as it is no {}: {error}", T::TYPE_NAME);
-                self.reader
-                    .report(StatusEvent::Undecodable { writer, error });
-                None
-            }
-        }
+    /// Has others learn of the reader, where it was created not to be known yet.
+    pub fn enable(&self) {
+        self.reader.enable();
     }
-
-    fn decode_key(&self, sample: &reader::Sample) -> Result<Option<T>, DecodeError> {
-        if !sample.payload.is_empty() {
-            return from_key_payload(&sample.payload).map(Some);
-        }
-        let keys = self.keys.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = keys.get(&sample.info.instance);
-        known.map(|key| from_key_payload(key)).transpose()
-    }
-
-    fn note_instance(&self, info: &SampleInfo, data: Option<&T>) {
-        if !T::HAS_KEY {
-            return;
-        }
-        let mut keys = self.keys.lock().unwrap_or_else(PoisonError::into_inner);
-        match (info.instance_state, data) {
-            (InstanceState::Alive, Some(data)) if !keys.contains_key(&info.instance) => {
-                let mut key = Vec::new();
-                // What was decoded can be encoded; else only the key of a later dispose is missing.
-                if key_payload(data, Representation::Xcdr2, &mut key).is_ok() {
-                    keys.insert(info.instance, key.into());
-                }
-            }
-            (InstanceState::Alive, _) | (_, Some(_)) => {}
-            (_, None) => drop(keys.remove(&info.instance)),
-        }
-    }
-}
-
-/// Finds the instance of a serialized payload.
-fn payload_instance<T: DdsType>() -> InstanceOf {
-    Arc::new(|kind, payload| {
-        let (encapsulation, _) = Encapsulation::split(payload).ok()?;
-        let value: T = match kind {
-            PayloadKind::Data => from_payload(payload).ok()?,
-            PayloadKind::Key => from_key_payload(payload).ok()?,
-            PayloadKind::None => return None,
-        };
-        instance_of(&value, encapsulation.representation, &mut Vec::new()).ok()
-    })
 }
 
 /// The samples of a [`DataReader`] as a stream.

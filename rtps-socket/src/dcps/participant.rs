@@ -1,10 +1,21 @@
 //! DomainParticipant (DDS 1.4 section 2.2.2.2.1).
 
-use super::{DataReader, DataWriter, Publisher, Subscriber, Topic};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use rtps_user::RemoteEndpoint;
+
+use super::{
+    BuiltinTopics, ContentFilteredTopic, DataReader, DataWriter, Publisher, Subscriber, Topic,
+    TopicDescription,
+};
 use crate::cdr::DdsType;
-use crate::error::{CreateError, OpenError};
+use crate::driver::Core;
+use crate::error::{CreateError, FilterError, OpenError};
 use crate::qos::Qos;
-use crate::socket::{Builder, RtpsSocket};
+use crate::socket::{Builder, RtpsSocket, Template};
+use crate::status::{EntityEvent, StatusMask};
 
 /// An app's place in a DDS domain.
 ///
@@ -29,6 +40,7 @@ use crate::socket::{Builder, RtpsSocket};
 #[derive(Clone)]
 pub struct DomainParticipant {
     socket: RtpsSocket,
+    leaves_disabled: Arc<AtomicBool>,
 }
 
 impl DomainParticipant {
@@ -55,17 +67,65 @@ impl DomainParticipant {
     /// # Errors
     /// When the name cannot be one.
     pub fn create_topic<T: DdsType>(&self, name: &str) -> Result<Topic<T>, CreateError> {
-        Topic::new(name)
+        Topic::new(name, Qos::default())
+    }
+
+    /// A topic with policies that its writers and readers may be created with ([`Topic::qos`]).
+    ///
+    /// # Errors
+    /// When the name cannot be one.
+    pub fn create_topic_with<T: DdsType>(
+        &self,
+        name: &str,
+        qos: Qos,
+    ) -> Result<Topic<T>, CreateError> {
+        Topic::new(name, qos)
+    }
+
+    /// A topic as readers see it that want only the samples for which an expression of DDS 1.4 annex B is true;
+    /// `parameters` stand for `%0`, `%1` and so on in it. The name is not seen by others.
+    ///
+    /// # Errors
+    /// When the expression is none, or does not fit the type.
+    pub fn create_content_filtered_topic<T: DdsType>(
+        &self,
+        name: &str,
+        topic: &Topic<T>,
+        expression: &str,
+        parameters: &[&str],
+    ) -> Result<ContentFilteredTopic<T>, FilterError> {
+        ContentFilteredTopic::new(name, topic, expression, parameters)
+    }
+
+    /// The topic of that name, once somebody else has an endpoint of it with the type's name; `None` when there is none
+    /// before `timeout`. A topic that is known to be there need not be found: [`create_topic`](Self::create_topic).
+    pub fn find_topic<T: DdsType>(&self, name: &str, timeout: Duration) -> Option<Topic<T>> {
+        let deadline = Instant::now().checked_add(timeout);
+        self.socket.shared().with(Core::browse);
+        let found = self.socket.shared().wait_until(deadline, |core, _| {
+            let mut endpoints = core.browser()?.endpoints();
+            let is_it = |endpoint: &RemoteEndpoint| {
+                endpoint.topic == name && endpoint.type_name == T::TYPE_NAME
+            };
+            endpoints.any(is_it).then_some(())
+        });
+        found.and_then(|()| Topic::new(name, Qos::default()).ok())
+    }
+
+    /// What is known of the domain: participants, topics, and the endpoints of others. From the first call on the layer
+    /// tells of all of them.
+    pub fn builtin(&self) -> BuiltinTopics {
+        BuiltinTopics::new(self.socket.clone())
     }
 
     /// A publisher: writers with policies in common.
     pub fn create_publisher(&self, qos: Qos) -> Publisher {
-        Publisher::new(self.socket.clone(), qos)
+        Publisher::new(self.socket.clone(), qos, self.autoenables())
     }
 
     /// A subscriber: readers with policies in common.
     pub fn create_subscriber(&self, qos: Qos) -> Subscriber {
-        Subscriber::new(self.socket.clone(), qos)
+        Subscriber::new(self.socket.clone(), qos, self.autoenables())
     }
 
     /// A writer of a publisher of its own.
@@ -77,7 +137,15 @@ impl DomainParticipant {
         topic: &Topic<T>,
         qos: Qos,
     ) -> Result<DataWriter<T>, CreateError> {
-        DataWriter::new(&self.socket, topic, qos)
+        let template = Template {
+            is_enabled: self.autoenables(),
+            ..Template::new(
+                topic.name(),
+                T::TYPE_NAME,
+                qos.on_topic(topic.qos()).into_writer(),
+            )
+        };
+        DataWriter::new(&self.socket, template)
     }
 
     /// A reader of a subscriber of its own.
@@ -86,10 +154,47 @@ impl DomainParticipant {
     /// When the policies make no sense.
     pub fn create_reader<T: DdsType>(
         &self,
-        topic: &Topic<T>,
+        topic: &impl TopicDescription<T>,
         qos: Qos,
     ) -> Result<DataReader<T>, CreateError> {
-        DataReader::new(&self.socket, topic, qos)
+        let template = Template {
+            is_enabled: self.autoenables(),
+            ..Template::new(
+                topic.topic().name(),
+                T::TYPE_NAME,
+                qos.on_topic(topic.topic().qos()).into_reader(),
+            )
+        };
+        DataReader::new(&self.socket, template, topic.filter())
+    }
+
+    /// ENTITY_FACTORY: whether what is created from now on is enabled at once, as it is by default. A publisher or subscriber
+    /// that is not leaves its endpoints disabled, too, until it is enabled.
+    pub fn set_autoenable_created_entities(&self, autoenable: bool) {
+        self.leaves_disabled.store(!autoenable, Ordering::Relaxed);
+    }
+
+    fn autoenables(&self) -> bool {
+        !self.leaves_disabled.load(Ordering::Relaxed)
+    }
+
+    /// Has `listener` called with the events that `mask` holds of all endpoints, where neither they nor their publishers and
+    /// subscribers have a listener for them; also with those that wait to be asked for. By whatever thread drives.
+    pub fn set_listener(
+        &self,
+        mask: StatusMask,
+        listener: impl Fn(EntityEvent) + Send + Sync + 'static,
+    ) {
+        self.socket.set_listener(mask, listener);
+    }
+
+    /// Changes USER_DATA, up to 256 bytes that others see in the participant's announcement
+    /// ([`Builder::user_data`](Builder::user_data)).
+    pub fn set_user_data(&self, data: impl Into<Vec<u8>>) {
+        let user_data = data.into();
+        self.socket
+            .shared()
+            .with(|core, now| core.describe(now, user_data));
     }
 
     /// Asserts the liveliness of all writers with LIVELINESS MANUAL_BY_PARTICIPANT.
@@ -100,6 +205,9 @@ impl DomainParticipant {
 
 impl From<RtpsSocket> for DomainParticipant {
     fn from(socket: RtpsSocket) -> Self {
-        Self { socket }
+        Self {
+            socket,
+            leaves_disabled: Arc::default(),
+        }
     }
 }

@@ -5,6 +5,7 @@
 //! sample every few microseconds: whoever pings, answers, or publishes at a rate never gets there. What waits is
 //! sent when there is enough of it, when the app does something else, or after the time [`Patience`] allows.
 
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use rtps_user::qos::{History, Qos};
@@ -31,6 +32,14 @@ pub(crate) struct Patience {
 }
 
 impl Patience {
+    /// Its samples may wait as long as any.
+    pub(crate) fn suspended(self) -> Self {
+        Self {
+            budget: LONGEST,
+            ..self
+        }
+    }
+
     /// What a writer's policies allow.
     pub(crate) fn of(qos: &Qos) -> Self {
         Self {
@@ -47,6 +56,37 @@ impl Patience {
     }
 }
 
+/// The [`Patience`] of a writer whose LATENCY_BUDGET may change.
+#[derive(Debug)]
+pub(crate) struct PatienceCell {
+    budget_nanos: AtomicU64,
+    samples: u32,
+}
+
+impl PatienceCell {
+    pub(crate) fn new(qos: &Qos) -> Self {
+        let cell = Self {
+            budget_nanos: AtomicU64::new(0),
+            samples: Patience::of(qos).samples,
+        };
+        cell.set(qos);
+        cell
+    }
+
+    pub(crate) fn set(&self, qos: &Qos) {
+        // At most LONGEST.
+        let nanos = Patience::of(qos).budget.as_nanos() as u64;
+        self.budget_nanos.store(nanos, Ordering::Relaxed);
+    }
+
+    pub(crate) fn get(&self) -> Patience {
+        Patience {
+            budget: Duration::from_nanos(self.budget_nanos.load(Ordering::Relaxed)),
+            samples: self.samples,
+        }
+    }
+}
+
 /// See the module.
 #[derive(Debug, Default)]
 pub(super) struct Batching {
@@ -55,13 +95,15 @@ pub(super) struct Batching {
     due: Option<Instant>,
     bytes: usize,
     room: u32,
+    /// Something has come since the last write, which the next one may answer.
+    may_answer: bool,
 }
 
 impl Batching {
     /// A sample of `len` bytes was written. Whether it waits; else everything that waits is to be sent.
     pub(super) fn holds(&mut self, now: Instant, len: usize, patience: Patience) -> bool {
         let last = self.last.replace(now);
-        let follows = last.is_some_and(|last| now.saturating_duration_since(last) <= GAP);
+        let follows = last.is_some_and(|last| now <= last + GAP);
         self.row = if follows {
             self.row.saturating_add(1)
         } else {
@@ -87,14 +129,18 @@ impl Batching {
         self.due = None;
     }
 
-    /// The write is over: sending may have taken longer than any gap.
-    pub(super) fn wrote(&mut self, now: Instant) {
-        self.last = Some(now);
+    /// The write is over: sending may have taken longer than any gap. No stream begins with an answer, so that the
+    /// clock need not be read for one.
+    pub(super) fn wrote(&mut self, now: impl FnOnce() -> Instant) {
+        if !std::mem::take(&mut self.may_answer) {
+            self.last = Some(now());
+        }
     }
 
     /// Something came that the app may answer.
     pub(super) fn expect_answer(&mut self) {
         self.row = 0;
+        self.may_answer = true;
     }
 
     /// What waits was sent, or is to be sent now.
@@ -175,6 +221,26 @@ mod tests {
         let held = write(1, 100, 100, patience(0, History::KeepLast(3)));
         assert!(held[4..].windows(3).all(|window| window.contains(&false)));
         assert!(held.contains(&true));
+    }
+
+    #[test]
+    fn an_answer_begins_no_stream_and_needs_no_clock() {
+        let (mut batching, now) = (Batching::default(), Instant::now());
+        let mut reads = 0;
+        let mut write = |batching: &mut Batching| {
+            batching.holds(now, 100, patience(0, History::KeepAll));
+            batching.sent();
+            batching.wrote(|| {
+                reads += 1;
+                now
+            });
+            reads
+        };
+        for _ in 0..100 {
+            batching.expect_answer();
+            assert_eq!(write(&mut batching), 0);
+        }
+        assert_eq!(write(&mut batching), 1);
     }
 
     #[test]

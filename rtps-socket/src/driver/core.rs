@@ -5,18 +5,22 @@ use std::sync::Arc;
 use std::task::Waker;
 use std::time::{Duration, Instant, SystemTime};
 
-use rtps_user::endpoints::{EndpointEvent, Endpoints};
-use rtps_user::layer::protocol::{Endpoint, FromLayer, ToLayer};
-use rtps_user::qos::PolicyId;
+use rtps_user::OwnKeys;
+use rtps_user::endpoints::Endpoints;
+use rtps_user::layer::protocol::{Discovered, ToLayer};
+use rtps_user::qos::{ContentFilter, Qos};
 use rtps_user::wire::{EntityId, EntityKind, Guid};
+use rtps_user::writer::FRAGMENT_OVERHEAD;
 
+use super::audience::{Audience, EntityListener, GroupId, Listener};
 use super::batching::{Batching, Patience};
-use super::entity::{Entity, Listener, Notice};
+use super::browser::Browser;
+use super::entity::{Declaration, Entity, Notice};
 use super::outgoing::Outgoing;
 use super::seat::{Holder, SLACK, Seat, Sleep, WRITING};
 use super::wall_clock::WallClock;
 use crate::link::{Arrivals, Burst, Identity, LayerKind, Link};
-use crate::status::StatusEvent;
+use crate::status::{StatusEvent, StatusMask};
 use crate::sys::Wakeups;
 
 /// See the module.
@@ -24,15 +28,20 @@ pub(crate) struct Core {
     /// Writers and readers.
     pub(crate) endpoints: Endpoints,
     link: Box<dyn Link>,
-    entities: HashMap<EntityId, Entity>,
+    pub(super) entities: HashMap<EntityId, Entity, OwnKeys>,
     pub(super) seat: Seat,
     identity: Identity,
     next_serial: u16,
     outgoing: Outgoing,
-    notices: Vec<Notice>,
+    /// Publishers and subscribers, and who listens.
+    pub(crate) audience: Audience,
     pub(super) batching: Batching,
     wall_clock: WallClock,
-    is_lost: bool,
+    /// Whether any reader has coherent sets that wait for their parts in others.
+    pub(super) stages_groups: bool,
+    /// What is known of the domain, where the app wants to know.
+    pub(super) browser: Option<Box<Browser>>,
+    pub(super) is_lost: bool,
 }
 
 impl Core {
@@ -41,14 +50,16 @@ impl Core {
         Self {
             endpoints: Endpoints::new(identity.prefix),
             link,
-            entities: HashMap::new(),
+            entities: HashMap::default(),
             seat: Seat::default(),
             identity,
             next_serial: 1,
             outgoing: Outgoing::new(),
-            notices: Vec::new(),
+            audience: Audience::default(),
             batching: Batching::default(),
             wall_clock: WallClock::default(),
+            stages_groups: false,
+            browser: None,
             is_lost: false,
         }
     }
@@ -68,6 +79,13 @@ impl Core {
         self.identity.datagram_size.into()
     }
 
+    /// Has samples sent in fragments of no more than `size` bytes, by writers that are created from now on.
+    pub(crate) fn limit_fragments(&mut self, size: u16) {
+        let datagram =
+            u16::try_from(FRAGMENT_OVERHEAD).map_or(size, |more| size.saturating_add(more));
+        self.identity.datagram_size = self.identity.datagram_size.min(datagram);
+    }
+
     /// A name for a new endpoint; `None` when the app has 65,535 of them.
     pub(crate) fn new_guid(&mut self, kind: EntityKind) -> Option<Guid> {
         for _ in 0..u16::MAX {
@@ -80,11 +98,62 @@ impl Core {
         None
     }
 
-    /// Makes an endpoint, which the caller has added to `endpoints`, known to the layer.
-    pub(crate) fn declare(&mut self, now: Instant, endpoint: Endpoint) {
-        let id = endpoint.entity;
-        self.entities.insert(id, Entity::new(id, &endpoint.topic));
-        self.link.request(now, ToLayer::Declare(Box::new(endpoint)));
+    /// Makes an endpoint, which the caller has added to `endpoints`, known to the layer, at once or when it is enabled.
+    pub(crate) fn declare(&mut self, now: Instant, declaration: Declaration) {
+        let id = declaration.endpoint.entity;
+        self.audience.join(declaration.group, id);
+        if declaration.is_enabled {
+            let endpoint = Box::new(declaration.endpoint.clone());
+            self.link.request(now, ToLayer::Declare(endpoint));
+        }
+        let guid = Guid::new(self.identity.prefix, id);
+        self.entities.insert(id, Entity::new(guid, declaration));
+    }
+
+    /// Makes an endpoint known that is not yet.
+    pub(crate) fn enable(&mut self, now: Instant, id: EntityId) {
+        if let Some(entity) = self.entities.get_mut(&id)
+            && !std::mem::replace(&mut entity.declaration.is_enabled, true)
+        {
+            let endpoint = Box::new(entity.declaration.endpoint.clone());
+            self.link.request(now, ToLayer::Declare(endpoint));
+        }
+    }
+
+    /// Changes the policies of an endpoint.
+    pub(crate) fn change_qos(&mut self, now: Instant, id: EntityId, qos: Qos) {
+        let Some(entity) = self.entities.get_mut(&id) else {
+            return;
+        };
+        let declaration = &mut entity.declaration;
+        declaration.endpoint.qos.clone_from(&qos);
+        if let Some(writer) = self.endpoints.writer_mut(id) {
+            writer.set_qos(qos);
+        } else if let Some(reader) = self.endpoints.reader_mut(id) {
+            reader.set_qos(qos);
+        }
+        self.declare_again(now, id);
+    }
+
+    /// Announces another content filter of a reader.
+    pub(crate) fn change_filter(&mut self, now: Instant, id: EntityId, filter: ContentFilter) {
+        let Some(entity) = self.entities.get_mut(&id) else {
+            return;
+        };
+        let announced = &mut entity.declaration.endpoint.content_filter;
+        if announced.replace(filter.clone()) != Some(filter) {
+            self.declare_again(now, id);
+        }
+    }
+
+    /// Tells the layer what has changed of an endpoint.
+    fn declare_again(&mut self, now: Instant, id: EntityId) {
+        if let Some(entity) = self.entities.get(&id)
+            && entity.declaration.is_enabled
+        {
+            let endpoint = Box::new(entity.declaration.endpoint.clone());
+            self.link.request(now, ToLayer::Declare(endpoint));
+        }
     }
 
     /// Removes an endpoint, which has sent everything by then.
@@ -96,17 +165,59 @@ impl Core {
         self.endpoints.remove(id);
         self.link.request(now, ToLayer::Withdraw(id));
         if let Some(mut entity) = self.entities.remove(&id) {
-            entity.wake(&mut self.notices);
-            self.notices.push(Notice::Gone(Box::new(entity)));
+            self.audience.leave(entity.declaration.group, id);
+            entity.wake(&mut self.audience);
+            self.audience.notices.push(Notice::Gone(Box::new(entity)));
         }
     }
 
-    /// Calls `listener` with all further events of an endpoint; returns those that wait.
-    pub(crate) fn set_listener(&mut self, id: EntityId, listener: Listener) -> Vec<StatusEvent> {
+    /// Calls `listener` with all further events of an endpoint that `mask` holds; returns those that wait.
+    pub(crate) fn set_listener(
+        &mut self,
+        id: EntityId,
+        mask: StatusMask,
+        listener: Listener,
+    ) -> Vec<StatusEvent> {
         let entity = self.entities.get_mut(&id);
         entity.map_or_else(Vec::new, |entity| {
-            entity.set_listener(listener, &mut self.notices)
+            entity.set_listener(mask, listener, &mut self.audience)
         })
+    }
+
+    /// Calls `listener` with the events that `mask` holds of the endpoints of a publisher or subscriber, or of all
+    /// where there is no `group`, that have no listener for them; also with those that wait.
+    pub(crate) fn set_entity_listener(
+        &mut self,
+        group: Option<GroupId>,
+        mask: StatusMask,
+        listener: EntityListener,
+    ) {
+        self.audience.set_listener(group, mask, listener);
+        for entity in self.entities.values_mut() {
+            entity.tell_again(&mut self.audience);
+        }
+    }
+
+    /// Asks the layer what there is in the domain, and to be told of changes; once is enough.
+    pub(crate) fn browse(&mut self, now: Instant) {
+        if self.browser.is_none() {
+            self.browser = Some(Box::default());
+            self.link.request(now, ToLayer::Browse { after: None });
+        }
+    }
+
+    /// What there is in the domain, after the app has asked for it.
+    pub(crate) fn browser(&self) -> Option<&Browser> {
+        self.browser.as_deref()
+    }
+
+    /// Takes what the layer tells of the domain.
+    pub(super) fn handle_discovered(&mut self, now: Instant, news: Discovered) {
+        self.seat.news = true;
+        if let Some(last) = self.browser.as_mut().and_then(|browser| browser.take(news)) {
+            self.link
+                .request(now, ToLayer::Browse { after: Some(last) });
+        }
     }
 
     /// Has others see USER_DATA of the participant.
@@ -116,6 +227,7 @@ impl Core {
 
     /// Asserts the liveliness of all writers that want the app to do so.
     pub(crate) fn assert_liveliness(&mut self, now: Instant) {
+        self.endpoints.assert_liveliness(now);
         self.link.request(now, ToLayer::AssertLiveliness);
     }
 
@@ -129,6 +241,13 @@ impl Core {
         self.entities.get_mut(&id)
     }
 
+    /// A task no longer waits for something to happen to an entity.
+    pub(crate) fn wake_no_more(&mut self, id: EntityId, waker: &Waker) {
+        if let Some(entity) = self.entities.get_mut(&id) {
+            entity.wake_no_more(waker);
+        }
+    }
+
     /// Wakes a task when something happens to an entity, which somebody has to notice.
     pub(crate) fn wake_later(&mut self, id: EntityId, waker: &Waker) {
         if let Some(entity) = self.entities.get_mut(&id) {
@@ -140,7 +259,7 @@ impl Core {
     /// Reports what the typed API finds out.
     pub(crate) fn report(&mut self, id: EntityId, event: StatusEvent) {
         if let Some(entity) = self.entities.get_mut(&id) {
-            entity.report(event, &mut self.notices);
+            entity.report(event, &mut self.audience);
         }
     }
 
@@ -173,11 +292,17 @@ impl Core {
         self.link.arrivals()
     }
 
-    /// Does what is due, sends what is to be sent, and notes what has happened.
+    /// Does what is due, sends what is to be sent, and notes what has happened. Most of the time there is nothing.
     pub(crate) fn settle(&mut self, now: Instant) {
-        if self.endpoints.poll_timeout().is_some_and(|due| due <= now) {
-            self.endpoints.handle_timeout(now);
+        if self.link.has_news(now) {
+            self.settle_link(now);
         }
+        if self.batching.due().is_some() || !self.endpoints.is_settled(now) {
+            self.settle_endpoints(now);
+        }
+    }
+
+    fn settle_link(&mut self, now: Instant) {
         if self.link.poll_timeout().is_some_and(|due| due <= now) {
             self.link.handle_timeout(now);
         }
@@ -187,8 +312,18 @@ impl Core {
         if self.link.is_lost() && !self.is_lost {
             self.lose_layer(now);
         }
-        if !self.batching.is_holding(now) {
+    }
+
+    fn settle_endpoints(&mut self, now: Instant) {
+        let is_holding = self.batching.is_holding(now);
+        if !is_holding {
             self.transmit(now);
+        }
+        if self.endpoints.poll_timeout().is_some_and(|due| due <= now) {
+            self.endpoints.handle_timeout(now);
+            if !is_holding {
+                self.transmit(now);
+            }
         }
         while let Some(event) = self.endpoints.poll_event() {
             self.handle_event(event);
@@ -264,156 +399,6 @@ impl Core {
     }
 
     pub(super) fn take_notices(&mut self) -> Vec<Notice> {
-        std::mem::take(&mut self.notices)
-    }
-
-    fn handle_message(&mut self, now: Instant, message: FromLayer) {
-        match message {
-            FromLayer::Matched { local, remote } => {
-                self.endpoints.match_remote(now, local, &remote);
-                self.on_entity(local, |entity, notices| {
-                    entity.add_match(remote.guid, notices)
-                });
-            }
-            FromLayer::Unmatched { local, remote } => {
-                self.endpoints.unmatch(now, local, remote);
-                self.on_entity(local, |entity, notices| {
-                    entity.remove_match(remote, notices)
-                });
-            }
-            FromLayer::IncompatibleQos {
-                local,
-                remote,
-                policy,
-            } => {
-                self.report_incompatible(local, remote, policy);
-            }
-            FromLayer::InconsistentTopic { local, remote } => {
-                self.report_inconsistent(local, remote)
-            }
-            FromLayer::Liveliness {
-                participant,
-                manual,
-            } => {
-                self.endpoints.handle_liveliness(now, participant, manual);
-            }
-            FromLayer::Refused { reason } => {
-                tracing::error!("the layer refuses: {reason}");
-                self.report_all(&StatusEvent::Refused { reason });
-            }
-            // These are for the link.
-            FromLayer::Welcome(_)
-            | FromLayer::FanOut { .. }
-            | FromLayer::Channel { .. }
-            | FromLayer::ChannelClosed { .. } => {}
-        }
-    }
-
-    /// Ends all matches, which nobody would end any more, and says so.
-    fn lose_layer(&mut self, now: Instant) {
-        self.is_lost = true;
-        for (id, entity) in &mut self.entities {
-            let matched: Vec<_> = entity.matched().iter().copied().collect();
-            for remote in matched {
-                self.endpoints.unmatch(now, *id, remote);
-                entity.remove_match(remote, &mut self.notices);
-            }
-        }
-        self.report_all(&StatusEvent::LayerLost);
-    }
-
-    /// Reports what concerns the participant to all its endpoints.
-    fn report_all(&mut self, event: &StatusEvent) {
-        self.seat.news = true;
-        for entity in self.entities.values_mut() {
-            entity.report(event.clone(), &mut self.notices);
-        }
-    }
-
-    fn handle_event(&mut self, event: EndpointEvent) {
-        let (id, event) = match event {
-            EndpointEvent::DataAvailable(id) => {
-                self.batching.expect_answer();
-                return self.on_entity(id, |entity, notices| entity.wake(notices));
-            }
-            EndpointEvent::Acknowledged(id) => {
-                return self.on_entity(id, |entity, notices| entity.wake(notices));
-            }
-            EndpointEvent::LivelinessLost(writer) => (writer, StatusEvent::LivelinessLost),
-            EndpointEvent::SampleLost {
-                reader,
-                writer,
-                count,
-            } => (reader, StatusEvent::SampleLost { count, writer }),
-            EndpointEvent::SampleRejected {
-                reader,
-                writer,
-                instance,
-                reason,
-            } => (
-                reader,
-                StatusEvent::SampleRejected {
-                    reason,
-                    instance,
-                    writer,
-                },
-            ),
-            EndpointEvent::DeadlineMissed { reader, instance } => {
-                (reader, StatusEvent::DeadlineMissed { instance })
-            }
-            EndpointEvent::LivelinessChanged {
-                reader,
-                writer,
-                alive_count,
-                alive_change,
-                not_alive_count,
-                not_alive_change,
-            } => (
-                reader,
-                StatusEvent::LivelinessChanged {
-                    alive: alive_count,
-                    alive_change,
-                    not_alive: not_alive_count,
-                    not_alive_change,
-                    writer,
-                },
-            ),
-        };
-        self.on_entity(id, |entity, notices| entity.report(event, notices));
-    }
-
-    fn report_incompatible(&mut self, local: EntityId, remote: Guid, policy: PolicyId) {
-        let is_writer = local.is_writer();
-        self.on_entity(local, |entity, notices| {
-            let topic = &entity.topic;
-            let event = if is_writer {
-                tracing::warn!(
-                    "writer of {topic:?} does not match reader {remote}: it requests more than is offered, {policy:?}"
-                );
-                StatusEvent::OfferedIncompatibleQos { policy, reader: remote }
-            } else {
-                tracing::warn!(
-                    "reader of {topic:?} does not match writer {remote}: it offers less than is requested, {policy:?}"
-                );
-                StatusEvent::RequestedIncompatibleQos { policy, writer: remote }
-            };
-            entity.report(event, notices);
-        });
-    }
-
-    fn report_inconsistent(&mut self, local: EntityId, remote: Guid) {
-        self.on_entity(local, |entity, notices| {
-            let topic = &entity.topic;
-            tracing::warn!("topic {topic:?} has another type at {remote}: the two do not match");
-            entity.report(StatusEvent::InconsistentTopic { remote }, notices);
-        });
-    }
-
-    /// Whatever happens to an entity, somebody may wait for it.
-    fn on_entity(&mut self, id: EntityId, act: impl FnOnce(&mut Entity, &mut Vec<Notice>)) {
-        self.seat.news = true;
-        if let Some(entity) = self.entities.get_mut(&id) {
-            act(entity, &mut self.notices);
-        }
+        std::mem::take(&mut self.audience.notices)
     }
 }

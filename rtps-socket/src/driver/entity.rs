@@ -1,84 +1,164 @@
 //! What the driver knows of a writer or reader beside its protocol state.
 
-use std::collections::{HashSet, VecDeque};
+use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 use std::task::Waker;
 
-use rtps_user::wire::{EntityId, Guid};
+use rtps_user::RemoteEndpoint;
+use rtps_user::filter::PayloadFilter;
+use rtps_user::layer::protocol::Endpoint;
+use rtps_user::qos::{ContentFilter, Qos};
+use rtps_user::wire::Guid;
 
-use crate::status::StatusEvent;
-
-/// Called with each status event.
-pub(crate) type Listener = Arc<dyn Fn(StatusEvent) + Send + Sync>;
+use super::audience::{Audience, EntityListener, GroupId, Listener, Masked};
+use crate::status::{EntityEvent, StatusEvent, StatusKind, StatusMask, Statuses};
 
 /// Status events kept for who asks; older ones give way.
 const KEPT_EVENTS: usize = 256;
 
+/// Understands the filter that a remote reader announces, if it can.
+pub(crate) type MakeFilter = fn(&ContentFilter) -> Option<PayloadFilter>;
+
+/// What an endpoint is created with.
+pub(crate) struct Declaration {
+    /// What the layer is told.
+    pub(crate) endpoint: Endpoint,
+    /// Its publisher or subscriber, if that is not its own.
+    pub(crate) group: Option<GroupId>,
+    /// What it has from there.
+    pub(crate) inherits: Inherits,
+    /// Whether the layer is told at once.
+    pub(crate) is_enabled: bool,
+    /// How a writer understands what remote readers want; without it they are sent everything.
+    pub(crate) make_filter: Option<MakeFilter>,
+}
+
+/// The policies of a publisher or subscriber that hold for an endpoint, because it says nothing of them itself.
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+pub(crate) struct Inherits {
+    pub(crate) partition: bool,
+    pub(crate) group_data: bool,
+}
+
+impl Inherits {
+    /// Takes over the policies of the publisher or subscriber.
+    pub(crate) fn apply(self, qos: &mut Qos, group: &Qos) {
+        if self.partition {
+            qos.partition.clone_from(&group.partition);
+        }
+        if self.group_data {
+            qos.group_data.clone_from(&group.group_data);
+        }
+    }
+}
+
 /// See the module.
 pub(crate) struct Entity {
-    /// The topic's name, for the log.
-    pub(crate) topic: String,
-    id: EntityId,
-    matched: HashSet<Guid>,
-    total_matched: u64,
+    guid: Guid,
+    topic: Arc<str>,
+    type_name: Arc<str>,
+    pub(super) declaration: Declaration,
+    /// A reader whose coherent sets wait for their parts in others.
+    pub(super) stages_groups: bool,
+    matched: HashMap<Guid, Box<RemoteEndpoint>>,
+    pub(crate) statuses: Statuses,
     events: VecDeque<StatusEvent>,
-    listener: Option<Listener>,
+    listener: Option<Masked<Listener>>,
     wakers: Vec<Waker>,
 }
 
 /// What is to be called once the lock is free.
 pub(super) enum Notice {
     Status(Listener, StatusEvent),
+    Entity(EntityListener, Box<EntityEvent>),
     Wake(Waker),
     /// An endpoint is gone. What its listener owns may be other endpoints, which take the lock when they go.
     Gone(Box<Entity>),
     /// A listener was replaced: the same.
     Replaced(Listener),
+    /// The same.
+    ReplacedEntity(EntityListener),
 }
 
 impl Notice {
     pub(super) fn deliver(self) {
         match self {
             Self::Status(listener, event) => listener(event),
+            Self::Entity(listener, event) => listener(*event),
             Self::Wake(waker) => waker.wake(),
             Self::Gone(entity) => drop(entity),
             Self::Replaced(listener) => drop(listener),
+            Self::ReplacedEntity(listener) => drop(listener),
         }
     }
 }
 
 impl Entity {
-    pub(crate) fn new(id: EntityId, topic: &str) -> Self {
+    pub(super) fn new(guid: Guid, declaration: Declaration) -> Self {
         Self {
-            topic: topic.to_owned(),
-            id,
-            matched: HashSet::new(),
-            total_matched: 0,
+            guid,
+            topic: declaration.endpoint.topic.as_str().into(),
+            type_name: declaration.endpoint.type_name.as_str().into(),
+            declaration,
+            stages_groups: false,
+            matched: HashMap::new(),
+            statuses: Statuses::default(),
             events: VecDeque::new(),
             listener: None,
             wakers: Vec::new(),
         }
     }
 
-    /// Remote endpoints that are matched now.
-    pub(crate) fn matched(&self) -> &HashSet<Guid> {
-        &self.matched
+    /// The topic's name.
+    pub(super) fn topic(&self) -> &str {
+        &self.topic
     }
 
-    /// Events since the last call.
+    /// What it was created with, and what has changed of that.
+    pub(crate) fn declaration(&self) -> &Declaration {
+        &self.declaration
+    }
+
+    /// Remote endpoints that are matched now.
+    pub(crate) fn matched(&self) -> impl ExactSizeIterator<Item = Guid> + '_ {
+        self.matched.keys().copied()
+    }
+
+    /// What is known of one of them.
+    pub(crate) fn matched_endpoint(&self, remote: Guid) -> Option<&RemoteEndpoint> {
+        self.matched.get(&remote).map(Box::as_ref)
+    }
+
+    /// Events since the last call that no listener was told.
     pub(crate) fn take_events(&mut self) -> Vec<StatusEvent> {
         self.events.drain(..).collect()
     }
 
-    /// Calls `listener` with all further events, and first with those that wait.
+    /// Tells `listener` all further events of `mask`; gives those that wait, for it to be told first.
     pub(super) fn set_listener(
         &mut self,
+        mask: StatusMask,
         listener: Listener,
-        notices: &mut Vec<Notice>,
+        audience: &mut Audience,
     ) -> Vec<StatusEvent> {
-        let replaced = self.listener.replace(listener);
-        notices.extend(replaced.map(Notice::Replaced));
-        self.take_events()
+        audience.note_mask(mask);
+        let replaced = self.listener.replace(Masked { mask, listener });
+        let replaced = replaced.map(|masked| Notice::Replaced(masked.listener));
+        audience.notices.extend(replaced);
+        let (told, kept) = self
+            .events
+            .drain(..)
+            .partition(|event| mask.contains(event.kind()));
+        self.events = kept;
+        let told: VecDeque<StatusEvent> = told;
+        told.into()
+    }
+
+    /// A publisher, subscriber or participant has got a listener: it is told what waits.
+    pub(super) fn tell_again(&mut self, audience: &mut Audience) {
+        for event in std::mem::take(&mut self.events) {
+            self.hand_out(event, audience);
+        }
     }
 
     /// Wakes a task when the next thing happens.
@@ -88,28 +168,47 @@ impl Entity {
         }
     }
 
-    pub(super) fn wake(&mut self, notices: &mut Vec<Notice>) {
-        notices.extend(self.wakers.drain(..).map(Notice::Wake));
+    /// Forgets a task that no longer waits.
+    pub(super) fn wake_no_more(&mut self, waker: &Waker) {
+        self.wakers.retain(|known| !known.will_wake(waker));
+    }
+
+    pub(super) fn wake(&mut self, audience: &mut Audience) {
+        audience
+            .notices
+            .extend(self.wakers.drain(..).map(Notice::Wake));
+    }
+
+    /// Samples have come.
+    pub(super) fn data_available(&mut self, audience: &mut Audience) {
+        self.wake(audience);
+        if !audience.hears_data() {
+            return;
+        }
+        let on_readers = StatusEvent::DataOnReaders;
+        if !self.tell_group(&on_readers, audience) {
+            self.tell(StatusEvent::DataAvailable, audience);
+        }
     }
 
     /// A match, new or changed.
-    pub(super) fn add_match(&mut self, remote: Guid, notices: &mut Vec<Notice>) {
-        if self.matched.insert(remote) {
-            self.total_matched += 1;
-            self.report(self.matched_event(remote, 1), notices);
+    pub(super) fn add_match(&mut self, remote: Box<RemoteEndpoint>, audience: &mut Audience) {
+        let guid = remote.guid;
+        if self.matched.insert(guid, remote).is_none() {
+            self.report(self.matched_event(guid, 1), audience);
         }
     }
 
     /// The end of a match.
-    pub(super) fn remove_match(&mut self, remote: Guid, notices: &mut Vec<Notice>) {
-        if self.matched.remove(&remote) {
-            self.report(self.matched_event(remote, -1), notices);
+    pub(super) fn remove_match(&mut self, remote: Guid, audience: &mut Audience) {
+        if self.matched.remove(&remote).is_some() {
+            self.report(self.matched_event(remote, -1), audience);
         }
     }
 
     fn matched_event(&self, remote: Guid, change: isize) -> StatusEvent {
-        let (current, total) = (self.matched.len(), self.total_matched);
-        match self.id.is_writer() {
+        let (current, total) = (0, 0);
+        match self.guid.entity.is_writer() {
             true => StatusEvent::PublicationMatched {
                 current,
                 change,
@@ -125,41 +224,110 @@ impl Entity {
         }
     }
 
-    /// Hands an event to whom it may concern.
-    pub(super) fn report(&mut self, event: StatusEvent, notices: &mut Vec<Notice>) {
-        self.wake(notices);
-        if let Some(listener) = &self.listener {
-            notices.push(Notice::Status(Arc::clone(listener), event));
-            return;
+    /// Counts an event and hands it to whom it may concern.
+    pub(super) fn report(&mut self, mut event: StatusEvent, audience: &mut Audience) {
+        self.wake(audience);
+        self.statuses.note(&mut event);
+        self.hand_out(event, audience);
+    }
+
+    fn hand_out(&mut self, event: StatusEvent, audience: &mut Audience) {
+        let kind = event.kind();
+        match self.tell(event, audience) {
+            None => self.statuses.told(kind),
+            Some(event) => {
+                if self.events.len() == KEPT_EVENTS {
+                    self.events.pop_front();
+                }
+                self.events.push_back(event);
+            }
         }
-        if self.events.len() == KEPT_EVENTS {
-            self.events.pop_front();
+    }
+
+    /// Tells the nearest listener; gives the event back when nobody listens to it.
+    fn tell(&self, event: StatusEvent, audience: &mut Audience) -> Option<StatusEvent> {
+        match &self.listener {
+            Some(masked) if masked.mask.contains(event.kind()) => {
+                let listener = Arc::clone(&masked.listener);
+                audience.notices.push(Notice::Status(listener, event));
+                None
+            }
+            _ => (!self.tell_group(&event, audience)).then_some(event),
         }
-        self.events.push_back(event);
+    }
+
+    fn tell_group(&self, event: &StatusEvent, audience: &mut Audience) -> bool {
+        let kind: StatusKind = event.kind();
+        audience.tell(self.declaration.group, kind, || EntityEvent {
+            entity: self.guid,
+            topic: Arc::clone(&self.topic),
+            type_name: Arc::clone(&self.type_name),
+            event: event.clone(),
+        })
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use rtps_user::wire::{EntityKind, GuidPrefix};
+    use std::sync::Mutex;
+
+    use rtps_user::wire::{EntityId, EntityKind, GuidPrefix};
 
     use super::*;
 
-    fn writer() -> Entity {
-        Entity::new(EntityId::of_app(1, 1, EntityKind::WriterNoKey), "Square")
+    fn guid(prefix: u8, kind: EntityKind) -> Guid {
+        Guid::new(GuidPrefix([prefix; 12]), EntityId::of_app(1, 1, kind))
+    }
+
+    fn writer(group: Option<GroupId>) -> Entity {
+        let guid = guid(1, EntityKind::WriterNoKey);
+        let endpoint = Endpoint {
+            entity: guid.entity,
+            topic: "Square".to_owned(),
+            type_name: "ShapeType".to_owned(),
+            type_information: Vec::new(),
+            type_objects: Vec::new(),
+            content_filter: None,
+            qos: Qos::default(),
+        };
+        let declaration = Declaration {
+            endpoint,
+            group,
+            inherits: Inherits::default(),
+            is_enabled: true,
+            make_filter: None,
+        };
+        Entity::new(guid, declaration)
+    }
+
+    fn lost() -> StatusEvent {
+        StatusEvent::LivelinessLost { total: 0 }
     }
 
     #[test]
     fn a_match_counts_once() {
-        let (mut entity, mut notices) = (writer(), Vec::new());
-        let remote = Guid::new(
-            GuidPrefix([7; 12]),
-            EntityId::of_app(1, 1, EntityKind::ReaderNoKey),
+        let (mut entity, mut audience) = (writer(None), Audience::default());
+        let remote = Box::new(RemoteEndpoint {
+            guid: guid(7, EntityKind::ReaderNoKey),
+            unicast: Vec::new(),
+            addresses: Vec::new(),
+            multicast: Vec::new(),
+            expects_inline_qos: false,
+            qos: Qos::default(),
+            topic: "Square".to_owned(),
+            type_name: "ShapeType".to_owned(),
+            type_information: Vec::new(),
+            content_filter: None,
+        });
+        let guid = remote.guid;
+        entity.add_match(remote.clone(), &mut audience);
+        entity.add_match(remote, &mut audience);
+        assert_eq!(
+            entity.matched_endpoint(guid).map(|remote| remote.guid),
+            Some(guid)
         );
-        entity.add_match(remote, &mut notices);
-        entity.add_match(remote, &mut notices);
-        entity.remove_match(remote, &mut notices);
-        entity.remove_match(remote, &mut notices);
+        entity.remove_match(guid, &mut audience);
+        entity.remove_match(guid, &mut audience);
         let changes: Vec<_> = entity
             .take_events()
             .into_iter()
@@ -174,15 +342,55 @@ mod tests {
             })
             .collect();
         assert_eq!(changes, [(1, 1, 1), (0, -1, 1)]);
-        assert!(notices.is_empty());
+        assert!(audience.notices.is_empty());
     }
 
     #[test]
     fn events_that_nobody_takes_are_bounded() {
-        let (mut entity, mut notices) = (writer(), Vec::new());
+        let (mut entity, mut audience) = (writer(None), Audience::default());
         for _ in 0..3 * KEPT_EVENTS {
-            entity.report(StatusEvent::LivelinessLost, &mut notices);
+            entity.report(lost(), &mut audience);
         }
         assert_eq!(entity.take_events().len(), KEPT_EVENTS);
+    }
+
+    #[test]
+    fn the_nearest_listener_that_wants_an_event_is_told() {
+        let mut audience = Audience::default();
+        let group = audience.add_group();
+        let mut entity = writer(Some(group));
+        let told = Arc::new(Mutex::new(Vec::new()));
+        let note = |name: &'static str| {
+            let told = Arc::clone(&told);
+            move || told.lock().unwrap().push(name)
+        };
+        let deliver = |entity: &mut Entity, audience: &mut Audience| {
+            entity.report(lost(), audience);
+            audience.notices.drain(..).for_each(Notice::deliver);
+            std::mem::take(&mut *told.lock().unwrap())
+        };
+        assert!(deliver(&mut entity, &mut audience).is_empty());
+        let participant = note("participant");
+        audience.set_listener(None, StatusMask::ALL, Arc::new(move |_| participant()));
+        entity.tell_again(&mut audience);
+        assert!(
+            !entity
+                .statuses
+                .changed()
+                .contains(StatusKind::LivelinessLost)
+        );
+        // The one that waited, and a new one.
+        assert_eq!(deliver(&mut entity, &mut audience), ["participant"; 2]);
+        let publisher = note("publisher");
+        let mask = StatusKind::LivelinessLost.into();
+        audience.set_listener(Some(group), mask, Arc::new(move |_| publisher()));
+        assert_eq!(deliver(&mut entity, &mut audience), ["publisher"]);
+        let own = note("own");
+        let mask = StatusKind::PublicationMatched.into();
+        entity.set_listener(mask, Arc::new(move |_| own()), &mut audience);
+        assert_eq!(deliver(&mut entity, &mut audience), ["publisher"]);
+        let own = note("own");
+        entity.set_listener(StatusMask::ALL, Arc::new(move |_| own()), &mut audience);
+        assert_eq!(deliver(&mut entity, &mut audience), ["own"]);
     }
 }

@@ -11,11 +11,15 @@
 //! Listeners and wakers are called, and dropped, by the driving thread after it let go of the lock. A listener that
 //! waits drives on in the seat of its thread.
 
+mod audience;
 mod background;
 mod batching;
+mod browser;
 mod core;
 mod entity;
 mod external;
+mod group_sets;
+mod news;
 mod outgoing;
 mod seat;
 mod spin;
@@ -30,9 +34,12 @@ use std::time::{Duration, Instant};
 use nix::sys::eventfd::{EfdFlags, EventFd};
 use nix::sys::timerfd::{ClockId, TimerFd, TimerFlags};
 
-pub(crate) use self::batching::Patience;
+pub(crate) use self::audience::{EntityListener, GroupId, Listener};
+pub(crate) use self::batching::{Patience, PatienceCell};
+pub(crate) use self::browser::Browser;
 pub(crate) use self::core::Core;
-pub(crate) use entity::Listener;
+pub(crate) use self::entity::{Declaration, Inherits, MakeFilter};
+pub(crate) use self::wait::Limit;
 
 use self::entity::Notice;
 use self::seat::Holder;
@@ -164,7 +171,7 @@ impl Shared {
             core.receive(now, Wakeups::default());
             let is_alone = core.seat.holder == Holder::Nobody;
             self.look_briefly(&mut core, now, is_alone);
-            core.batching.wrote(Instant::now());
+            core.batching.wrote(Instant::now);
             self.release(core);
         } else if !was_holding {
             core.seat.is_wanted |= !core.seat.is_external && core.seat.holder == Holder::Nobody;
@@ -188,8 +195,9 @@ impl Shared {
     fn release(&self, mut core: MutexGuard<'_, Core>) {
         if core.seat.is_external && core.seat.holder != Holder::Foreground {
             self.prepare_external_sleep(&mut core);
-        } else if core.seat.sleeps_beyond(core.poll_timeout())
-            || core.seat.sleeps_through(core.batching.due())
+        } else if core.seat.sleeps()
+            && (core.seat.sleeps_beyond(core.poll_timeout())
+                || core.seat.sleeps_through(core.batching.due()))
         {
             core.seat.sleeps_until = None;
             signal(&self.interrupt);
@@ -204,7 +212,9 @@ impl Shared {
             self.wake_background();
         }
         drop(core);
-        notices.into_iter().for_each(Notice::deliver);
+        if !notices.is_empty() {
+            notices.into_iter().for_each(Notice::deliver);
+        }
     }
 }
 

@@ -18,6 +18,16 @@ pub(super) const LOOK_PERIOD: Duration = Duration::from_millis(10);
 /// What counts as a long wait.
 const REST_AFTER: Duration = Duration::from_millis(100);
 
+thread_local! {
+    /// To ask for it anew would be to count references.
+    static THIS_THREAD: ThreadId = thread::current().id();
+}
+
+/// The thread that asks.
+pub(super) fn this_thread() -> ThreadId {
+    THIS_THREAD.with(|id| *id)
+}
+
 /// Who has the seat.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub(super) enum Holder {
@@ -74,8 +84,7 @@ pub(super) enum Sleep {
 impl Seat {
     /// Whether this thread holds it already: it then is in a listener, which itself waits for something.
     pub(super) fn is_mine(&self) -> bool {
-        self.thread
-            .is_some_and(|held| held == thread::current().id())
+        self.thread.is_some_and(|held| held == this_thread())
     }
 
     /// Whether nobody else looks at the descriptors.
@@ -85,14 +94,18 @@ impl Seat {
 
     /// Whether nobody has looked at the descriptors for `period`.
     pub(super) fn is_unseen(&self, now: Instant, period: Duration) -> bool {
-        self.looked
-            .is_none_or(|looked| now.saturating_duration_since(looked) >= period)
+        self.looked.is_none_or(|looked| looked + period <= now)
     }
 
     /// Whether the holder is one who waits for long: the background thread need not even look any more.
     pub(super) fn rests(&self) -> bool {
         self.since
             .is_some_and(|since| since.elapsed() >= REST_AFTER)
+    }
+
+    /// Whether the holder sleeps until something arrives or is due.
+    pub(super) fn sleeps(&self) -> bool {
+        self.sleeps_until.is_some()
     }
 
     /// Whether the holder would sleep through a deadline that is not exact.

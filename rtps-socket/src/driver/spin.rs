@@ -137,7 +137,7 @@ impl Shared {
         now: Instant,
         deadline: Option<Instant>,
         spinning: &mut Spinning,
-    ) -> MutexGuard<'a, Core> {
+    ) -> (MutexGuard<'a, Core>, Instant) {
         let Some(end) = spinning.goes_on(now) else {
             if spinning.end.is_some() {
                 spinning.ended(Look::InVain, &mut core.seat.eagerness, now);
@@ -152,7 +152,7 @@ impl Shared {
         let arrivals = core.arrivals();
         self.release(core);
         let mut wakeups = Wakeups::default();
-        let is_disturbed = match arrivals {
+        let outcome = match arrivals {
             Some(arrivals) => look_until(now, end, spinning.is_told, || arrivals.has_arrived()),
             None => look_until(now, end, spinning.is_told, || {
                 wakeups = self.epoll.wait(Some(Duration::ZERO)).unwrap_or_default();
@@ -162,17 +162,16 @@ impl Shared {
         if wakeups.contains(INTERRUPT) {
             clear(&self.interrupt);
         }
-        self.take_in(wakeups, is_disturbed, spinning)
+        self.take_in(wakeups, outcome, spinning)
     }
 
     fn take_in(
         &self,
         wakeups: Wakeups,
-        is_disturbed: bool,
+        (is_disturbed, now): (bool, Instant),
         spinning: &mut Spinning,
-    ) -> MutexGuard<'_, Core> {
+    ) -> (MutexGuard<'_, Core>, Instant) {
         let mut core = self.lock();
-        let now = Instant::now();
         let wakeups = match wakeups.is_empty() {
             true => self.look_in_time(&mut core, now),
             false => wakeups,
@@ -183,24 +182,25 @@ impl Shared {
         } else if has_found {
             spinning.ended(Look::Found, &mut core.seat.eagerness, now);
         }
-        core
+        (core, now)
     }
 }
 
 /// Looks until something has arrived or `end` has come; an app that has told to look keeps the CPU meanwhile. Whether
-/// another process had the CPU for long.
+/// another process had the CPU for long, and the time.
 fn look_until(
     start: Instant,
     end: Instant,
     keeps_cpu: bool,
     mut has_arrived: impl FnMut() -> bool,
-) -> bool {
+) -> (bool, Instant) {
     let mut now = start;
     loop {
         let looks = if keeps_cpu { LOOKS } else { 1 };
-        for _ in 0..looks {
+        for look in 0..looks {
             if has_arrived() {
-                return false;
+                // What had arrived at the first look was there when the clock was read.
+                return (false, if look == 0 { now } else { Instant::now() });
             }
             std::hint::spin_loop();
         }
@@ -208,11 +208,9 @@ fn look_until(
             thread::yield_now();
         }
         let before = std::mem::replace(&mut now, Instant::now());
-        if !keeps_cpu && now - before >= MOMENT {
-            return true;
-        }
-        if now >= end {
-            return false;
+        let is_disturbed = !keeps_cpu && now >= before + MOMENT;
+        if is_disturbed || now >= end {
+            return (is_disturbed, now);
         }
     }
 }

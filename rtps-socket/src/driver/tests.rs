@@ -1,5 +1,7 @@
 //! Driving a link that behaves oddly.
 
+mod filters;
+
 use std::net::{SocketAddr, UdpSocket};
 use std::os::fd::AsFd;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -8,7 +10,7 @@ use std::time::Duration;
 use rtps_user::RemoteEndpoint;
 use rtps_user::layer::protocol::{Endpoint, FromLayer, ToLayer};
 use rtps_user::qos::Qos;
-use rtps_user::wire::{EntityId, EntityKind, Guid, GuidPrefix};
+use rtps_user::wire::{EntityId, EntityKind, Guid, GuidPrefix, MessageReceiver, Submessage};
 
 use super::*;
 use crate::link::{Arrivals, Burst, Identity, LayerKind, Sink};
@@ -27,6 +29,8 @@ struct Steering {
     /// Times that the descriptor was found readable.
     seen: AtomicUsize,
     messages: Mutex<Vec<FromLayer>>,
+    /// The first bytes of the samples sent.
+    sent: Mutex<Vec<u8>>,
 }
 
 /// A link in the manner of the kernel's: records come from memory, the layer's messages from a descriptor.
@@ -51,7 +55,16 @@ impl Link for OddLink {
         self.0.messages.lock().unwrap().pop()
     }
 
-    fn send(&mut self, _burst: &Burst<'_>) {}
+    fn send(&mut self, burst: &Burst<'_>) {
+        for datagram in burst.datagrams() {
+            let received = MessageReceiver::new(GuidPrefix::UNKNOWN, datagram).unwrap();
+            let samples = received.filter_map(|received| match received.unwrap().submessage {
+                Submessage::Data(data) => data.payload.first().copied(),
+                _ => None,
+            });
+            self.0.sent.lock().unwrap().extend(samples);
+        }
+    }
 
     fn receive(&mut self, _now: Instant, wakeups: Wakeups, sink: &mut Sink<'_>) {
         if wakeups.contains(CONTROL) {
@@ -71,6 +84,10 @@ impl Link for OddLink {
     }
 
     fn awake(&mut self) {}
+
+    fn has_news(&self, _now: Instant) -> bool {
+        !self.0.messages.lock().unwrap().is_empty() || self.is_lost()
+    }
 
     fn poll_timeout(&self) -> Option<Instant> {
         None
@@ -100,19 +117,28 @@ fn open(steering: &Arc<Steering>) -> (Driver, UdpSocket) {
 fn declare(driver: &Driver) -> EntityId {
     driver.shared().with(|core, now| {
         let guid = core.new_guid(EntityKind::ReaderNoKey).unwrap();
-        let endpoint = Endpoint {
-            entity: guid.entity,
-            topic: "Square".to_owned(),
-            type_name: "Shape".to_owned(),
-            type_information: Vec::new(),
-            content_filter: None,
-            qos: Qos::default(),
-        };
-        core.declare(now, endpoint);
+        core.declare(now, declaration(guid.entity));
         guid.entity
     })
 }
 
+fn declaration(entity: EntityId) -> Declaration {
+    Declaration {
+        endpoint: Endpoint {
+            entity,
+            topic: "Square".to_owned(),
+            type_name: "Shape".to_owned(),
+            type_information: Vec::new(),
+            type_objects: Vec::new(),
+            content_filter: None,
+            qos: Qos::default(),
+        },
+        group: None,
+        inherits: Inherits::default(),
+        is_enabled: true,
+        make_filter: None,
+    }
+}
 fn events(driver: &Driver, id: EntityId) -> Vec<StatusEvent> {
     driver.shared().poll(|core, now| {
         core.settle(now);

@@ -2,21 +2,63 @@
 
 use std::sync::atomic::Ordering;
 use std::sync::{MutexGuard, PoisonError};
-use std::thread;
 use std::time::{Duration, Instant};
 
-use super::seat::{Holder, LOOK_PERIOD};
+use super::seat::{Holder, LOOK_PERIOD, this_thread};
 use super::spin::Spinning;
 use super::{Core, Shared, clear, signal};
 use crate::link::{INTERRUPT, LayerKind};
 use crate::sys::Wakeups;
 
+/// How long a call may wait.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Limit {
+    /// For so long from its beginning on, so that it reads the clock only once.
+    For(Duration),
+    /// Until then; `None` is for ever.
+    Until(Option<Instant>),
+}
+
+impl Limit {
+    /// When the wait ends that begins now, if this is its first.
+    fn end(&mut self, now: Instant) -> Option<Instant> {
+        let end = match *self {
+            // The clock may have no such time.
+            Self::For(timeout) => now.checked_add(timeout),
+            Self::Until(end) => end,
+        };
+        *self = Self::Until(end);
+        end
+    }
+}
+
+impl From<Duration> for Limit {
+    fn from(timeout: Duration) -> Self {
+        Self::For(timeout)
+    }
+}
+
+impl From<Option<Instant>> for Limit {
+    fn from(end: Option<Instant>) -> Self {
+        Self::Until(end)
+    }
+}
+
 impl Shared {
-    /// Waits until `look` finds something; `None` when `deadline` passes before, or the participant is gone. `look`
+    /// Waits until `look` finds something; `None` when `limit` is over before, or the participant is gone. `look`
     /// is called whenever something has happened, and at least once.
     pub(crate) fn wait_until<R>(
         &self,
-        deadline: Option<Instant>,
+        limit: impl Into<Limit>,
+        look: impl FnMut(&mut Core, Instant) -> Option<R>,
+    ) -> Option<R> {
+        self.wait_within(&mut limit.into(), look)
+    }
+
+    /// As [`wait_until`](Self::wait_until), for one of several waits that share a limit.
+    pub(crate) fn wait_within<R>(
+        &self,
+        limit: &mut Limit,
         mut look: impl FnMut(&mut Core, Instant) -> Option<R>,
     ) -> Option<R> {
         let mut core = self.lock();
@@ -24,6 +66,7 @@ impl Shared {
         let mut has_seat = is_nested;
         let mut has_looked = false;
         let mut now = Instant::now();
+        let deadline = limit.end(now);
         let mut spinning = Spinning::new(self.busy_poll, &mut core.seat.eagerness, now);
         core.batching.sent();
         core.receive(now, Wakeups::default());
@@ -43,13 +86,12 @@ impl Shared {
                 core.settle(now);
                 break found;
             }
-            core = if has_seat || self.take_seat(&mut core, now) {
+            (core, now) = if has_seat || self.take_seat(&mut core, now) {
                 has_seat = true;
                 self.wait_in_seat(core, now, deadline, &mut spinning)
             } else {
                 self.follow(core, now, deadline)
             };
-            now = Instant::now();
         };
         if is_nested {
             // The sleep that was prepared before the listener was called is out of date.
@@ -59,6 +101,14 @@ impl Shared {
         }
         self.release(core);
         found
+    }
+
+    /// Has all waiting threads look again for what they wait for.
+    pub(crate) fn nudge(&self) {
+        let mut core = self.lock();
+        core.seat.news = true;
+        signal(&self.interrupt);
+        self.release(core);
     }
 
     /// Runs the protocol with what costs no system call to take in.
@@ -118,7 +168,7 @@ impl Shared {
         }
         core.seat.holder = Holder::Foreground;
         core.seat.since = Some(now);
-        core.seat.thread = Some(thread::current().id());
+        core.seat.thread = Some(this_thread());
         true
     }
 
@@ -127,11 +177,12 @@ impl Shared {
         mut core: MutexGuard<'a, Core>,
         now: Instant,
         deadline: Option<Instant>,
-    ) -> MutexGuard<'a, Core> {
+    ) -> (MutexGuard<'a, Core>, Instant) {
         let Some(timeout) = core.prepare_sleep(now, deadline) else {
+            let now = Instant::now();
             let wakeups = self.look_in_time(&mut core, now);
             core.receive(now, wakeups);
-            return core;
+            return (core, now);
         };
         self.release(core);
         let wakeups = self.epoll.wait(timeout).unwrap_or_default();
@@ -146,7 +197,7 @@ impl Shared {
             clear(&self.interrupt);
         }
         core.receive(now, wakeups);
-        core
+        (core, now)
     }
 
     fn leave_seat(&self, core: &mut Core) {
@@ -168,7 +219,7 @@ impl Shared {
         mut core: MutexGuard<'a, Core>,
         now: Instant,
         deadline: Option<Instant>,
-    ) -> MutexGuard<'a, Core> {
+    ) -> (MutexGuard<'a, Core>, Instant) {
         core.seat.followers += 1;
         let mut core = match deadline {
             None => self
@@ -182,6 +233,6 @@ impl Shared {
             }
         };
         core.seat.followers -= 1;
-        core
+        (core, Instant::now())
     }
 }

@@ -119,6 +119,9 @@ pub(crate) trait Link: Send {
     /// The wait is over.
     fn awake(&mut self);
 
+    /// Whether there is a message, or something due at `now`, or the layer is gone: asked far more often than it is so.
+    fn has_news(&self, now: Instant) -> bool;
+
     /// When [`handle_timeout`](Self::handle_timeout) is due.
     fn poll_timeout(&self) -> Option<Instant>;
 

@@ -28,6 +28,8 @@ pub(crate) struct Settings {
     pub(crate) busy_poll: Option<Duration>,
     /// In-process layer: where to announce beside the multicast group.
     pub(crate) peers: Vec<std::net::SocketAddr>,
+    /// In-process layer: the time between two announcements, if the app says so.
+    pub(crate) announce_period: Option<Duration>,
 }
 
 /// Why a participant could not be opened.
@@ -125,6 +127,7 @@ mod tests {
             ring_bytes: 0,
             busy_poll: None,
             peers: Vec::new(),
+            announce_period: None,
         };
         let epoll = Arc::new(Epoll::new().unwrap());
         let error = open(&settings, &epoll).err().unwrap();

@@ -18,6 +18,7 @@ const RING_BYTES: u32 = 1 << 20;
 #[must_use = "nothing is opened before `open`"]
 pub struct Builder<P> {
     settings: Settings,
+    fragment_size: Option<u16>,
     user_data: Vec<u8>,
     opened: PhantomData<P>,
 }
@@ -34,7 +35,9 @@ impl<P: From<RtpsSocket>> Builder<P> {
                 ring_bytes: RING_BYTES,
                 busy_poll: busy_poll_from_environment(),
                 peers: Vec::new(),
+                announce_period: None,
             },
+            fragment_size: None,
             user_data: Vec::new(),
             opened: PhantomData,
         }
@@ -79,6 +82,20 @@ impl<P: From<RtpsSocket>> Builder<P> {
         self
     }
 
+    /// The time between two announcements of the in-process layer, 5 s unless set. On the kernel layer rtpsd announces the
+    /// host, for all of its apps.
+    pub fn announce_period(mut self, period: Duration) -> Self {
+        self.settings.announce_period = Some(period);
+        self
+    }
+
+    /// The most bytes of a fragment of a sample that is too large for a datagram; what a datagram can carry unless set,
+    /// and never more.
+    pub fn fragment_size(mut self, bytes: u16) -> Self {
+        self.fragment_size = Some(bytes);
+        self
+    }
+
     /// USER_DATA: up to 256 bytes that others see in the participant's announcement. On the kernel layer all apps of
     /// the host are one participant, and of those that have user data the last one to be opened is seen.
     pub fn user_data(mut self, data: impl Into<Vec<u8>>) -> Self {
@@ -92,6 +109,10 @@ impl<P: From<RtpsSocket>> Builder<P> {
     /// When the chosen layer cannot be used; the error says what to do.
     pub fn open(self) -> Result<P, OpenError> {
         let driver = Arc::new(Driver::open(&self.settings)?);
+        if let Some(size) = self.fragment_size {
+            let shared = driver.shared();
+            shared.with(|core, _| core.limit_fragments(size));
+        }
         if !self.user_data.is_empty() {
             let user_data = self.user_data;
             driver

@@ -1,29 +1,39 @@
 //! The expert API: writers and readers of payloads that are serialized already, and a descriptor for event loops.
 
 mod builder;
+mod condition;
 mod endpoint;
+mod group;
+mod group_order;
+mod loan;
 mod raw_reader;
 mod raw_writer;
+mod template;
 
 use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
 
-use rtps_user::layer::protocol::{Endpoint, MAX_PROTOCOL_MESSAGE, ToLayer};
-use rtps_user::qos::{DataRepresentation, History};
-use rtps_user::reader::{InstanceOf, ReaderConfig};
-use rtps_user::wire::{EntityId, EntityKind, Guid};
+use rtps_user::qos::Presentation;
+use rtps_user::reader::{InstanceOf, ReaderConfig, ReaderTiming};
+use rtps_user::wire::{EntityKind, Guid};
 use rtps_user::writer::{WriterConfig, WriterTiming};
-use rtps_user::{qos, reader::ReaderTiming};
 
 pub use builder::Builder;
+pub use loan::Loan;
+pub(crate) use raw_reader::FilterSetter;
 pub use raw_reader::{RawReader, RawSamples};
 pub use raw_writer::{RawChange, RawWriter};
 
+pub(crate) use self::condition::{Trigger, Watched};
+pub(crate) use self::group::Group;
+pub(crate) use self::template::Template;
+
 use self::endpoint::EndpointHandle;
-use crate::driver::{Core, Driver};
+use crate::driver::{Core, Driver, Shared};
 use crate::error::CreateError;
-use crate::link::{LayerKind, encode};
+use crate::link::LayerKind;
 use crate::qos::Qos;
+use crate::status::{EntityEvent, StatusMask};
 
 /// An app's place in a DDS domain.
 ///
@@ -55,12 +65,21 @@ impl RtpsSocket {
         qos: Qos,
         has_key: bool,
     ) -> Result<RawWriter, CreateError> {
-        let qos = qos.into_writer();
-        check(topic, type_name, &qos)?;
+        self.create_writer_of(Template::new(topic, type_name, qos.into_writer()), has_key)
+    }
+
+    pub(crate) fn create_writer_of(
+        &self,
+        template: Template,
+        has_key: bool,
+    ) -> Result<RawWriter, CreateError> {
+        template.check()?;
         let kind = match has_key {
             true => EntityKind::WriterWithKey,
             false => EntityKind::WriterNoKey,
         };
+        let (group, qos) = (template.group.clone(), template.qos.clone());
+        let is_enabled = template.is_enabled;
         let guid = self.driver.shared().with(|core, now| {
             let guid = new_guid(core, kind)?;
             core.endpoints.add_writer(WriterConfig {
@@ -69,13 +88,14 @@ impl RtpsSocket {
                 datagram_size: core.datagram_size(),
                 timing: WriterTiming::default(),
             });
-            core.declare(now, endpoint(guid.entity, topic, type_name, qos.clone()));
+            core.declare(now, template.into_declaration(guid.entity));
             Ok(guid)
         })?;
-        Ok(RawWriter::new(
-            EndpointHandle::new(&self.driver, guid),
-            &qos,
-        ))
+        if let Some(group) = &group {
+            group.refresh_writers();
+        }
+        let endpoint = EndpointHandle::new(&self.driver, guid, group);
+        Ok(RawWriter::new(endpoint, &qos, is_enabled))
     }
 
     /// Creates a reader of payloads of a type. `instance_of` finds the instance of a payload whose writer sends no
@@ -90,28 +110,60 @@ impl RtpsSocket {
         qos: Qos,
         instance_of: Option<InstanceOf>,
     ) -> Result<RawReader, CreateError> {
-        let qos = qos.into_reader();
-        check(topic, type_name, &qos)?;
+        let template = Template::new(topic, type_name, qos.into_reader());
+        self.create_reader_of(template, instance_of)
+    }
+
+    pub(crate) fn create_reader_of(
+        &self,
+        template: Template,
+        instance_of: Option<InstanceOf>,
+    ) -> Result<RawReader, CreateError> {
+        template.check()?;
         let kept = instance_of.clone();
         let kind = match instance_of {
             Some(_) => EntityKind::ReaderWithKey,
             None => EntityKind::ReaderNoKey,
         };
+        let group = template.group.clone();
         let guid = self.driver.shared().with(|core, now| {
             let guid = new_guid(core, kind)?;
             core.endpoints.add_reader(ReaderConfig {
                 guid,
-                qos: qos.clone(),
+                qos: template.qos.clone(),
                 datagram_size: core.datagram_size(),
                 max_sample_size: ReaderConfig::MAX_SAMPLE_SIZE,
                 instance_of,
+                content_filter: template.payload_filter.clone(),
                 timing: ReaderTiming::default(),
             });
-            core.declare(now, endpoint(guid.entity, topic, type_name, qos));
+            core.declare(now, template.into_declaration(guid.entity));
+            core.stage_groups(guid.entity);
             Ok(guid)
         })?;
-        let endpoint = EndpointHandle::new(&self.driver, guid);
+        let endpoint = EndpointHandle::new(&self.driver, guid, group);
         Ok(RawReader::new(endpoint, kept))
+    }
+
+    /// Has `listener` called with the events that `mask` holds of all endpoints that have no listener for them, nor
+    /// have their publishers and subscribers, by whatever thread drives.
+    pub fn set_listener(
+        &self,
+        mask: StatusMask,
+        listener: impl Fn(EntityEvent) + Send + Sync + 'static,
+    ) {
+        self.driver
+            .shared()
+            .with(|core, _| core.set_entity_listener(None, mask, Arc::new(listener)));
+    }
+
+    pub(crate) fn shared(&self) -> &Shared {
+        self.driver.shared()
+    }
+
+    /// A publisher or subscriber.
+    pub(crate) fn create_group(&self, presentation: Presentation) -> Arc<Group> {
+        Arc::new(Group::new(&self.driver, presentation))
     }
 
     /// Asserts the liveliness of all writers with LIVELINESS MANUAL_BY_PARTICIPANT.
@@ -141,88 +193,4 @@ fn new_guid(core: &mut Core, kind: EntityKind) -> Result<Guid, CreateError> {
         return Err(CreateError::LayerLost);
     }
     core.new_guid(kind).ok_or(CreateError::TooManyEndpoints)
-}
-
-fn endpoint(entity: EntityId, topic: &str, type_name: &str, qos: qos::Qos) -> Endpoint {
-    Endpoint {
-        entity,
-        topic: topic.to_owned(),
-        type_name: type_name.to_owned(),
-        type_information: Vec::new(),
-        content_filter: None,
-        qos,
-    }
-}
-
-/// Refuses what no endpoint can be created with.
-fn check(topic: &str, type_name: &str, qos: &qos::Qos) -> Result<(), CreateError> {
-    for name in [topic, type_name] {
-        if name.is_empty() || name.len() > 255 || name.contains('\0') {
-            return Err(CreateError::InvalidName(name.to_owned()));
-        }
-    }
-    if qos.representation.contains(&DataRepresentation::Xml) {
-        return Err(CreateError::UnsupportedRepresentation);
-    }
-    check_size(topic, type_name, qos)?;
-    match (qos.history, qos.resource_limits.max_samples_per_instance) {
-        (History::KeepLast(0), _) => Err(CreateError::NoHistory),
-        (History::KeepLast(depth), Some(limit)) if depth > limit => {
-            Err(CreateError::InconsistentLimits { depth, limit })
-        }
-        _ => Ok(()),
-    }
-}
-
-/// Refuses what does not fit in one packet of the layer protocol.
-fn check_size(topic: &str, type_name: &str, qos: &qos::Qos) -> Result<(), CreateError> {
-    // As long as any.
-    let entity = EntityId::of_app(u8::MAX, u16::MAX, EntityKind::WriterNoKey);
-    let endpoint = endpoint(entity, topic, type_name, qos.clone());
-    let declaration = ToLayer::Declare(Box::new(endpoint));
-    let (size, limit) = (encode(&declaration).len(), MAX_PROTOCOL_MESSAGE);
-    match size > limit {
-        true => Err(CreateError::TooLarge { size, limit }),
-        false => Ok(()),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn nonsense_is_refused() {
-        let qos = Qos::default().into_writer();
-        assert_eq!(check("Square", "ShapeType", &qos), Ok(()));
-        let long = "x".repeat(256);
-        for (topic, type_name) in [("", "T"), ("T", ""), (&long, "T"), ("a\0b", "T")] {
-            assert!(matches!(
-                check(topic, type_name, &qos),
-                Err(CreateError::InvalidName(_))
-            ));
-        }
-        let nothing = Qos::default().keep_last(0).into_writer();
-        assert_eq!(check("T", "T", &nothing), Err(CreateError::NoHistory));
-        let limits = Qos::default()
-            .keep_last(9)
-            .resource_limits(None, None, Some(3))
-            .into_writer();
-        assert_eq!(
-            check("T", "T", &limits),
-            Err(CreateError::InconsistentLimits { depth: 9, limit: 3 })
-        );
-        let much = Qos::default()
-            .user_data([1; 60_000])
-            .group_data([1; 60_000]);
-        let too_much = much.clone().topic_data([1; 20_000]).into_writer();
-        assert_eq!(check("T", "T", &much.into_writer()), Ok(()));
-        assert!(matches!(
-            check("T", "T", &too_much),
-            Err(CreateError::TooLarge {
-                limit: MAX_PROTOCOL_MESSAGE,
-                ..
-            })
-        ));
-    }
 }

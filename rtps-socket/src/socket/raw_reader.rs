@@ -1,18 +1,29 @@
 //! A reader of payloads that stay serialized.
 
+use std::collections::HashMap;
 use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use futures_core::Stream;
-use rtps_user::reader::{InstanceOf, Sample, Selection};
-use rtps_user::wire::Guid;
+use rtps_user::qos::ContentFilter;
+use rtps_user::reader::{InstanceOf, Reader, Sample, Selection};
+use rtps_user::wire::{EntityId, Guid, KeyHash};
 
-use super::endpoint::{EndpointHandle, deadline};
-use crate::driver::Core;
-use crate::error::WaitError;
-use crate::status::StatusEvent;
+use super::condition::{Trigger, Watched};
+use super::endpoint::EndpointHandle;
+use super::template::check_endpoint;
+use crate::dcps::EndpointBuiltinTopicData;
+use crate::driver::{Core, Limit, Shared};
+use crate::error::{CreateError, SetQosError, WaitError};
+use crate::filter::PayloadFilter;
+use crate::qos::{Qos, policies};
+use crate::status::{
+    DeadlineMissedStatus, IncompatibleQosStatus, InconsistentTopicStatus, LivelinessChangedStatus,
+    MatchedStatus, SampleLostStatus, SampleRejectedStatus, StatusEvent, StatusKind, StatusMask,
+    Statuses,
+};
 
 /// A reader. Dropped, it is withdrawn.
 pub struct RawReader {
@@ -45,28 +56,115 @@ impl RawReader {
         })
     }
 
+    /// Takes up to `max` samples of the next instance after `previous`, in the order of key hashes, that has samples of
+    /// the selection, without waiting; of the first such instance where there is no previous one.
+    pub fn take_next_instance(
+        &self,
+        previous: Option<KeyHash>,
+        max: usize,
+        selection: &Selection,
+    ) -> Vec<Sample> {
+        self.of_next_instance(previous, selection, |reader, of_instance| {
+            reader.take(max, of_instance)
+        })
+    }
+
+    /// Reads what [`take_next_instance`](Self::take_next_instance) would take.
+    pub fn read_next_instance(
+        &self,
+        previous: Option<KeyHash>,
+        max: usize,
+        selection: &Selection,
+    ) -> Vec<Sample> {
+        self.of_next_instance(previous, selection, |reader, of_instance| {
+            reader.read(max, of_instance)
+        })
+    }
+
+    /// Takes up to `max` samples of a selection that pass a filter.
+    pub(crate) fn take_where(
+        &self,
+        max: usize,
+        selection: &Selection,
+        filter: &PayloadFilter,
+    ) -> Vec<Sample> {
+        self.endpoint.shared().poll(|core, _| {
+            let reader = core.endpoints.reader_mut(self.endpoint.id());
+            reader.map_or_else(Vec::new, |reader| reader.take_where(max, selection, filter))
+        })
+    }
+
+    /// Reads up to `max` samples of a selection that pass a filter.
+    pub(crate) fn read_where(
+        &self,
+        max: usize,
+        selection: &Selection,
+        filter: &PayloadFilter,
+    ) -> Vec<Sample> {
+        self.endpoint.shared().poll(|core, _| {
+            let reader = core.endpoints.reader_mut(self.endpoint.id());
+            reader.map_or_else(Vec::new, |reader| reader.read_where(max, selection, filter))
+        })
+    }
+
+    fn of_next_instance(
+        &self,
+        previous: Option<KeyHash>,
+        selection: &Selection,
+        access: impl FnOnce(&mut Reader, &Selection) -> Vec<Sample>,
+    ) -> Vec<Sample> {
+        self.endpoint.shared().poll(|core, _| {
+            let Some(reader) = core.endpoints.reader_mut(self.endpoint.id()) else {
+                return Vec::new();
+            };
+            let instance = reader.next_instance(previous, selection);
+            instance.map_or_else(Vec::new, |instance| {
+                let of_instance = Selection {
+                    instance: Some(instance),
+                    ..*selection
+                };
+                access(reader, &of_instance)
+            })
+        })
+    }
+
+    /// Whether the reader knows an instance.
+    pub fn lookup_instance(&self, instance: KeyHash) -> bool {
+        self.endpoint.shared().with(|core, _| {
+            let reader = core.endpoints.reader(self.endpoint.id());
+            reader.is_some_and(|reader| reader.lookup_instance(instance))
+        })
+    }
+
+    /// Leaves only the instances that the reader knows.
+    pub(crate) fn retain_known<V>(&self, instances: &mut HashMap<KeyHash, V>) {
+        self.endpoint.shared().with(|core, _| {
+            if let Some(reader) = core.endpoints.reader(self.endpoint.id()) {
+                instances.retain(|instance, _| reader.lookup_instance(*instance));
+            }
+        });
+    }
+
     /// Takes the next sample, waiting for it up to `timeout`. A wait without end ends where the layer is lost, of
     /// which [`StatusEvent::LayerLost`] tells.
     pub fn recv(&self, timeout: Duration) -> Option<Sample> {
-        self.recv_until(deadline(timeout))
+        self.recv_within(&mut timeout.into())
     }
 
-    pub(crate) fn recv_until(&self, deadline: Option<Instant>) -> Option<Sample> {
+    /// As [`recv`](Self::recv), one of several waits that share a limit.
+    pub(crate) fn recv_within(&self, limit: &mut Limit) -> Option<Sample> {
         let shared = self.endpoint.shared();
-        shared.wait_until(deadline, |core, _| self.take_one(core))
+        shared.wait_within(limit, |core, _| self.take_one(core))
     }
 
     /// Waits until there is a sample that has not been read; false when `timeout` passes before.
     pub fn wait(&self, timeout: Duration) -> bool {
-        let found = self
-            .endpoint
-            .shared()
-            .wait_until(deadline(timeout), |core, _| {
-                core.endpoints
-                    .reader(self.endpoint.id())?
-                    .has_data()
-                    .then_some(())
-            });
+        let found = self.endpoint.shared().wait_until(timeout, |core, _| {
+            core.endpoints
+                .reader(self.endpoint.id())?
+                .has_data()
+                .then_some(())
+        });
         found.is_some()
     }
 
@@ -91,9 +189,7 @@ impl RawReader {
         if !core.endpoints.reader(id)?.has_data() {
             return None;
         }
-        core.endpoints
-            .reader_mut(id)?
-            .take_next(&Selection::default())
+        core.endpoints.take_next(id, &Selection::default())
     }
 
     /// Its name.
@@ -106,6 +202,11 @@ impl RawReader {
         self.endpoint.matched()
     }
 
+    /// What is known of a writer that it is matched with.
+    pub fn matched_publication_data(&self, writer: Guid) -> Option<EndpointBuiltinTopicData> {
+        self.endpoint.matched_endpoint(writer)
+    }
+
     /// Waits until at least `count` writers are matched.
     ///
     /// # Errors
@@ -114,14 +215,117 @@ impl RawReader {
         self.endpoint.wait_for_matched(count, timeout)
     }
 
-    /// What has happened since the last call, up to the newest 256 events; nothing where there is a listener.
+    /// Waits until everything has come that writers matched now keep for readers that come late.
+    ///
+    /// # Errors
+    /// When it has not before `timeout`.
+    pub fn wait_for_historical_data(&self, timeout: Duration) -> Result<(), WaitError> {
+        let complete = self.endpoint.shared().wait_until(timeout, |core, _| {
+            if core.is_lost() {
+                return Some(Err(WaitError::LayerLost));
+            }
+            let reader = core.endpoints.reader(self.endpoint.id());
+            reader
+                .is_none_or(|reader| reader.is_history_complete())
+                .then_some(Ok(()))
+        });
+        complete.unwrap_or(Err(WaitError::HistoryIncomplete))
+    }
+
+    /// Its policies, with those of its subscriber.
+    pub fn qos(&self) -> policies::Qos {
+        self.endpoint.qos()
+    }
+
+    /// Changes its policies, and has others learn of it.
+    ///
+    /// # Errors
+    /// When a policy is among them that may not change, or that makes no sense.
+    pub fn set_qos(&self, qos: Qos) -> Result<(), SetQosError> {
+        let inherits = qos.inherits();
+        self.endpoint.set_qos(inherits, qos.into_reader())?;
+        Ok(())
+    }
+
+    /// Has others learn of the reader, where it was created not to be known yet.
+    pub fn enable(&self) {
+        self.endpoint.enable();
+    }
+
+    /// What has happened since the last call, up to the newest 256 events; nothing that a listener was told.
     pub fn status_events(&self) -> Vec<StatusEvent> {
         self.endpoint.status_events()
     }
 
-    /// Has `listener` called with every event, by whatever thread drives.
+    /// Has `listener` called with every event but the arrival of samples, by whatever thread drives.
     pub fn set_listener(&self, listener: impl Fn(StatusEvent) + Send + Sync + 'static) {
-        self.endpoint.set_listener(Arc::new(listener));
+        self.set_listener_for(StatusMask::WITHOUT_DATA, listener);
+    }
+
+    /// Has `listener` called with the events that `mask` holds; others go to the listeners of subscriber and
+    /// participant.
+    pub fn set_listener_for(
+        &self,
+        mask: StatusMask,
+        listener: impl Fn(StatusEvent) + Send + Sync + 'static,
+    ) {
+        self.endpoint.set_listener(mask, Arc::new(listener));
+    }
+
+    /// A condition of the reader.
+    pub(crate) fn watch(&self, trigger: Trigger) -> Watched {
+        self.endpoint.watch(trigger)
+    }
+
+    /// The statuses that have changed since they were last asked for.
+    pub fn status_changes(&self) -> StatusMask {
+        self.endpoint.status(|statuses| statuses.changed())
+    }
+
+    /// SUBSCRIPTION_MATCHED.
+    pub fn subscription_matched_status(&self) -> MatchedStatus {
+        self.endpoint
+            .status(|statuses| statuses.matched(StatusKind::SubscriptionMatched))
+    }
+
+    /// REQUESTED_INCOMPATIBLE_QOS.
+    pub fn requested_incompatible_qos_status(&self) -> IncompatibleQosStatus {
+        self.endpoint
+            .status(|statuses| statuses.incompatible(StatusKind::RequestedIncompatibleQos))
+    }
+
+    /// REQUESTED_DEADLINE_MISSED.
+    pub fn requested_deadline_missed_status(&self) -> DeadlineMissedStatus {
+        self.endpoint
+            .status(|statuses| statuses.deadline(StatusKind::RequestedDeadlineMissed))
+    }
+
+    /// LIVELINESS_CHANGED.
+    pub fn liveliness_changed_status(&self) -> LivelinessChangedStatus {
+        self.endpoint.status(Statuses::liveliness)
+    }
+
+    /// SAMPLE_LOST.
+    pub fn sample_lost_status(&self) -> SampleLostStatus {
+        self.endpoint.status(Statuses::lost)
+    }
+
+    /// SAMPLE_REJECTED.
+    pub fn sample_rejected_status(&self) -> SampleRejectedStatus {
+        self.endpoint.status(Statuses::rejected)
+    }
+
+    /// INCONSISTENT_TOPIC, as far as this reader is concerned.
+    pub fn inconsistent_topic_status(&self) -> InconsistentTopicStatus {
+        self.endpoint.status(Statuses::inconsistent)
+    }
+
+    /// What the reader's content filter is changed with.
+    pub(crate) fn filter_setter(&self) -> FilterSetter {
+        FilterSetter {
+            shared: Arc::clone(self.endpoint.shared()),
+            reader: self.endpoint.id(),
+        }
     }
 
     /// Reports what the typed API finds out.
@@ -130,6 +334,38 @@ impl RawReader {
         self.endpoint
             .shared()
             .with(|core, _| core.report(id, event));
+    }
+}
+
+/// Changes the content filter of a reader that is there.
+pub(crate) struct FilterSetter {
+    shared: Arc<Shared>,
+    reader: EntityId,
+}
+
+impl FilterSetter {
+    /// Has writers and the reader itself heed another filter.
+    ///
+    /// # Errors
+    /// When it is too large to be announced; all stays as it was then.
+    pub(crate) fn set(
+        &self,
+        announced: ContentFilter,
+        payloads: PayloadFilter,
+    ) -> Result<(), CreateError> {
+        self.shared.with(|core, now| {
+            let Some(entity) = core.entity(self.reader) else {
+                return Ok(());
+            };
+            let mut endpoint = entity.declaration().endpoint.clone();
+            endpoint.content_filter = Some(announced.clone());
+            check_endpoint(endpoint)?;
+            if let Some(reader) = core.endpoints.reader_mut(self.reader) {
+                reader.set_content_filter(Some(payloads));
+            }
+            core.change_filter(now, self.reader, announced);
+            Ok(())
+        })
     }
 }
 

@@ -33,6 +33,8 @@ pub(crate) struct RingConsumer {
 pub(crate) struct Ring {
     position: Mapping,
     records: Mapping,
+    /// Where the data begin in `records`.
+    data: usize,
     size: u64,
 }
 
@@ -55,6 +57,7 @@ impl RingConsumer {
         let ring = Arc::new(Ring {
             position: Mapping::new(fd.as_fd(), 0, page, true)?,
             records: Mapping::new(fd.as_fd(), page, page + size, false)?,
+            data: page,
             size: size as u64,
         });
         let wrapped = Vec::new();
@@ -144,7 +147,7 @@ impl Ring {
 
     /// Where the byte at `position` is mapped.
     fn at(&self, position: u64) -> *const u8 {
-        let offset = page_size() + (position & (self.size - 1)) as usize;
+        let offset = self.data + (position & (self.size - 1)) as usize;
         self.records.start().wrapping_add(offset)
     }
 }

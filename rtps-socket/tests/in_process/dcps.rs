@@ -158,10 +158,12 @@ fn incompatible_policies_are_named_on_both_sides() {
     let policy = PolicyId::Reliability;
     let offered = StatusEvent::OfferedIncompatibleQos {
         policy,
+        total: 1,
         reader: reader.guid(),
     };
     let requested = StatusEvent::RequestedIncompatibleQos {
         policy,
+        total: 1,
         writer: writer.guid(),
     };
     assert!(

@@ -5,7 +5,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use rtps_socket::Qos;
+use rtps_socket::cdr::{Representation, to_payload};
+use rtps_socket::error::WriteError;
+use rtps_socket::{Qos, Selection};
 
 use crate::support::{self, Shape, participant, shape};
 
@@ -94,4 +96,38 @@ fn large_samples_of_two_writers_arrive_whole() {
             *count += 1;
         }
     });
+}
+
+#[test]
+fn what_is_written_into_a_loan_arrives() {
+    let participant = participant(support::own_network());
+    let topic = participant.create_topic::<Shape>("Lent").unwrap();
+    let writer = participant
+        .create_writer(&topic, Qos::reliable().keep_all())
+        .unwrap();
+    let reader = participant
+        .create_reader(&topic, Qos::reliable().keep_all())
+        .unwrap();
+    writer.wait_for_matched(1, LONG).unwrap();
+    reader.wait_for_matched(1, LONG).unwrap();
+    let known = writer.matched_subscription_data(reader.guid()).unwrap();
+    assert_eq!(known.topic_name, "Lent");
+    let mut payload = Vec::new();
+    for x in 0..3 {
+        let sample = shape("BLUE", x, 100_000);
+        to_payload(&sample, Representation::Xcdr1, &mut payload).unwrap();
+        let mut loan = writer.loan(payload.len());
+        loan.copy_from_slice(&payload);
+        writer.write_loaned(loan).unwrap();
+        writer.wait_for_acknowledgments(LONG).unwrap();
+        let taken = reader.take_serialized(1, &Selection::default()).remove(0);
+        assert_eq!(taken.payload, payload);
+        assert_eq!(reader.lookup_instance(&sample), Some(taken.info.instance));
+        payload.clear();
+    }
+    let nonsense = writer.loan(4);
+    assert_eq!(
+        writer.write_loaned(nonsense),
+        Err(WriteError::NoSample("ShapeType"))
+    );
 }

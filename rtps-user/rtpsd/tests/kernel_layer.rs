@@ -520,6 +520,7 @@ fn declaration(entity: EntityId) -> ToLayer {
         topic: "topic".into(),
         type_name: "type".into(),
         type_information: Vec::new(),
+        type_objects: Vec::new(),
         content_filter: None,
         qos: Qos::default(),
     }))

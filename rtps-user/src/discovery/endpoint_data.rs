@@ -14,7 +14,8 @@ use crate::qos::content_filter::CONTENT_FILTER_PROPERTY;
 use crate::qos::parameters::{QosParameters, write_qos};
 use crate::qos::{ContentFilter, Qos};
 use crate::wire::{
-    Cursor, Guid, KeyHash, Parameter, ParameterId, ParameterList, ParameterWriter, WireError,
+    Cursor, Endianness, Guid, KeyHash, Parameter, ParameterId, ParameterList, ParameterWriter,
+    WireError,
 };
 
 /// A writer or reader of some participant.
@@ -75,7 +76,10 @@ impl EndpointData {
             ENDPOINT_GUID => self.guid = Guid::from_bytes(value.array()?),
             TOPIC_NAME => self.topic = value.string()?.to_owned(),
             TYPE_NAME => self.type_name = value.string()?.to_owned(),
-            TYPE_INFORMATION => self.type_information = value.rest().to_vec(),
+            // It is read, and told to others, in little endian only.
+            TYPE_INFORMATION if value.endianness() == Endianness::Little => {
+                self.type_information = value.rest().to_vec();
+            }
             CONTENT_FILTER_PROPERTY => self.content_filter = Some(ContentFilter::read(value)?),
             UNICAST_LOCATOR => read_locator(value, &mut self.unicast)?,
             MULTICAST_LOCATOR => read_locator(value, &mut self.multicast)?,

@@ -1,6 +1,8 @@
 //! What discovery tells who uses it.
 
 use crate::wire::{EntityId, Guid, GuidPrefix, SequenceNumber};
+use crate::xtypes::TypeHash;
+use crate::xtypes::lookup::Request;
 
 /// Something has happened.
 #[derive(Clone, Debug, Eq, PartialEq)]
@@ -30,6 +32,11 @@ pub enum DiscoveryEvent {
         /// The latter.
         manual: bool,
     },
+    /// A remote participant asks for types: to be answered by
+    /// [`reply_to_lookup`](super::Discovery::reply_to_lookup).
+    TypesRequested(Box<Request>),
+    /// TypeObjects that were asked for, serialized, with the hashes that they are said to have.
+    TypesFound(Vec<(TypeHash, Vec<u8>)>),
     /// We asserted the same of our own, with a sample of that number.
     Asserted {
         /// The number.

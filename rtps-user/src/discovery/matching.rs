@@ -5,10 +5,12 @@
 //! from the point of view of ours: two of our own make two pairs. It answers each change with the differences.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Bound;
 
 use crate::RemoteEndpoint;
 use crate::qos::{PolicyId, compatible};
-use crate::wire::{EntityId, Guid, GuidPrefix};
+use crate::wire::{EntityId, Guid, GuidPrefix, WireError};
+use crate::xtypes::{Assignable, TypeHash, TypeInformation, TypeLibrary};
 
 /// What a pair of endpoints comes to.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
@@ -17,7 +19,8 @@ pub enum Outcome {
     Matched,
     /// This policy keeps them from it.
     Incompatible(PolicyId),
-    /// The names of their types differ, or one has keys and the other has not.
+    /// The names of their types differ, or one has keys and the other has not, or the reader's type cannot take what is
+    /// written of the writer's.
     InconsistentTopic,
 }
 
@@ -43,6 +46,9 @@ pub struct Matchmaker {
     topics: BTreeMap<String, BTreeSet<Guid>>,
     /// By the other one first, so that all that concerns one remote endpoint or participant stands together.
     pairs: BTreeMap<(Guid, EntityId), Outcome>,
+    types: TypeLibrary,
+    /// TypeObjects that would say whether types fit.
+    wanted: BTreeSet<TypeHash>,
 }
 
 const FIRST_ENTITY: EntityId = EntityId([0; 4]);
@@ -56,12 +62,20 @@ impl Matchmaker {
             endpoints: BTreeMap::new(),
             topics: BTreeMap::new(),
             pairs: BTreeMap::new(),
+            types: TypeLibrary::default(),
+            wanted: BTreeSet::new(),
         }
     }
 
     /// An endpoint, as others see it.
     pub fn endpoint(&self, guid: Guid) -> Option<&RemoteEndpoint> {
         self.endpoints.get(&guid)
+    }
+
+    /// All endpoints from a GUID on, in the order of their GUIDs.
+    pub fn endpoints_from(&self, start: Bound<Guid>) -> impl Iterator<Item = &RemoteEndpoint> {
+        let endpoints = self.endpoints.range((start, Bound::Unbounded));
+        endpoints.map(|(_, endpoint)| endpoint)
     }
 
     /// Our endpoints that are matched with this one.
@@ -139,6 +153,44 @@ impl Matchmaker {
         changes
     }
 
+    /// The types that are known.
+    pub fn types(&self) -> &TypeLibrary {
+        &self.types
+    }
+
+    /// Takes in the types of our own endpoints, before these: a serialized TypeMapping.
+    pub fn add_types(&mut self, mapping: &[u8]) -> Result<(), WireError> {
+        self.types.add_mapping(mapping)
+    }
+
+    /// TypeObjects that are missing to say whether types fit; until they are there the types' names decide.
+    pub fn take_wanted_types(&mut self) -> BTreeSet<TypeHash> {
+        std::mem::take(&mut self.wanted)
+    }
+
+    /// Takes in TypeObjects that were missing.
+    pub fn learn_types(&mut self, objects: &[(TypeHash, Vec<u8>)]) -> Vec<MatchChange> {
+        let mut changes = Vec::new();
+        let added = objects
+            .iter()
+            .filter(|(hash, object)| self.types.add(*hash, object));
+        if added.count() == 0 {
+            return changes;
+        }
+        let first = Guid::new(self.own, FIRST_ENTITY);
+        let last = Guid::new(self.own, LAST_ENTITY);
+        let typed = self.endpoints.range(first..=last);
+        let typed = typed.filter(|(_, endpoint)| !endpoint.type_information.is_empty());
+        for guid in typed.map(|(guid, _)| *guid).collect::<Vec<_>>() {
+            for other in self.candidates(guid).collect::<Vec<_>>() {
+                let outcome = self.evaluate(guid, other);
+                self.settle(guid, other, outcome, true, &mut changes);
+                self.settle(other, guid, outcome, true, &mut changes);
+            }
+        }
+        changes
+    }
+
     /// The endpoints of the same topic that this one may make a pair with: for a remote one, ours only.
     fn candidates(&self, guid: Guid) -> impl Iterator<Item = Guid> + use<'_> {
         let (first, last) = if guid.prefix == self.own {
@@ -155,7 +207,7 @@ impl Matchmaker {
             .filter(move |other| other.entity.is_writer() != guid.entity.is_writer())
     }
 
-    fn evaluate(&self, a: Guid, b: Guid) -> Option<Outcome> {
+    fn evaluate(&mut self, a: Guid, b: Guid) -> Option<Outcome> {
         let (a, b) = (self.endpoints.get(&a)?, self.endpoints.get(&b)?);
         let (writer, reader) = if a.guid.entity.is_writer() {
             (a, b)
@@ -166,6 +218,16 @@ impl Matchmaker {
             || writer.guid.entity.has_key() != reader.guid.entity.has_key()
         {
             return Some(Outcome::InconsistentTopic);
+        }
+        match self.types.fit(writer, reader) {
+            Assignable::Yes => {}
+            Assignable::No => return Some(Outcome::InconsistentTopic),
+            Assignable::Unknown(missing) => {
+                self.wanted.extend(missing);
+                if reader.qos.type_consistency.force_type_validation {
+                    return Some(Outcome::InconsistentTopic);
+                }
+            }
         }
         if !writer.qos.partition.matches(&reader.qos.partition) {
             return None;
@@ -205,11 +267,37 @@ impl Matchmaker {
     }
 }
 
+impl TypeLibrary {
+    /// Whether the types of two endpoints fit, as far as both say what they are.
+    fn fit(&self, writer: &RemoteEndpoint, reader: &RemoteEndpoint) -> Assignable {
+        let unknown = Assignable::Unknown(BTreeSet::new());
+        let (of_writer, of_reader) = (&writer.type_information, &reader.type_information);
+        if of_writer.is_empty() || of_reader.is_empty() {
+            return unknown;
+        }
+        if of_writer == of_reader {
+            return Assignable::Yes;
+        }
+        let decode = |bytes: &[u8]| TypeInformation::decode(bytes).ok();
+        let (Some(of_writer), Some(of_reader)) = (decode(of_writer), decode(of_reader)) else {
+            return unknown;
+        };
+        let (of_writer, of_reader) = (of_writer.minimal.type_id, of_reader.minimal.type_id);
+        if of_writer.hash().is_none() || of_reader.hash().is_none() {
+            return unknown;
+        }
+        self.is_assignable(&of_reader, &of_writer, &reader.qos.type_consistency)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::qos::{Partition, Qos, Reliability};
     use crate::wire::EntityKind;
+    use crate::xtypes::{
+        Definition, Extensibility, StructMember, TypeBuilder, TypeKind, TypePair, TypeSupport,
+    };
 
     const OURS: GuidPrefix = GuidPrefix([5; 12]);
     const THEIRS: GuidPrefix = GuidPrefix([7; 12]);
@@ -304,6 +392,56 @@ mod tests {
             outcomes(&matchmaker.insert(writer)),
             [(Some(Outcome::InconsistentTopic), None)]
         );
+    }
+
+    fn described(members: Vec<StructMember>) -> TypeSupport {
+        TypeBuilder::describe(|types| {
+            types.define("ShapeType", |_| {
+                Some(Definition::Struct {
+                    extensibility: Extensibility::Final,
+                    members,
+                })
+            })
+        })
+    }
+
+    #[test]
+    fn types_that_are_learned_decide() {
+        let x = StructMember {
+            name: "x",
+            id: 0,
+            key: false,
+            optional: false,
+            member_type: TypePair::primitive(TypeKind::INT32),
+        };
+        let (ours, theirs) = (described(vec![x]), described(Vec::new()));
+        let (mut matchmaker, mut reader, mut writer) = pair();
+        reader.type_information = ours.information;
+        writer.type_information = theirs.information;
+        matchmaker.add_types(&ours.objects).unwrap();
+        matchmaker.insert(reader.clone());
+        assert_eq!(outcomes(&matchmaker.insert(writer)), [(None, MATCHED)]);
+        let wanted = matchmaker.take_wanted_types();
+        let mut remote = TypeLibrary::default();
+        remote.add_mapping(&theirs.objects).unwrap();
+        let object = |hash: &TypeHash| (*hash, remote.object(*hash).unwrap().to_vec());
+        let found: Vec<_> = wanted.iter().map(object).collect();
+        assert_eq!(found.len(), 1);
+        let inconsistent = Some(Outcome::InconsistentTopic);
+        assert_eq!(
+            outcomes(&matchmaker.learn_types(&found)),
+            [(MATCHED, inconsistent)]
+        );
+        assert_eq!(matchmaker.learn_types(&found), []);
+    }
+
+    #[test]
+    fn a_reader_may_insist_on_types() {
+        let (mut matchmaker, mut reader, writer) = pair();
+        reader.qos.type_consistency.force_type_validation = true;
+        matchmaker.insert(reader);
+        let inconsistent = Some(Outcome::InconsistentTopic);
+        assert_eq!(outcomes(&matchmaker.insert(writer)), [(None, inconsistent)]);
     }
 
     #[test]

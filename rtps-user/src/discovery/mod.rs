@@ -25,6 +25,7 @@ mod remote_participant;
 mod restore;
 mod sedp;
 mod spdp;
+mod type_lookup;
 
 use std::collections::VecDeque;
 use std::net::{IpAddr, SocketAddr};
@@ -44,6 +45,7 @@ use remote_participant::Origins;
 pub use remote_participant::RemoteParticipant;
 use sedp::Withdrawals;
 use spdp::Announcer;
+use type_lookup::TypeLookup;
 
 use crate::Transmit;
 use crate::endpoints::Endpoints;
@@ -63,6 +65,7 @@ pub struct Discovery {
     announcer: Announcer,
     withdrawals: Withdrawals,
     assertions: Assertions,
+    type_lookup: TypeLookup,
     events: VecDeque<DiscoveryEvent>,
     refused: Refused,
 }
@@ -80,6 +83,7 @@ impl Discovery {
             announcer: Announcer::new(&config, now),
             withdrawals: Withdrawals::default(),
             assertions: Assertions::default(),
+            type_lookup: TypeLookup::default(),
             events: VecDeque::new(),
             refused: Refused::default(),
             config,
@@ -201,6 +205,7 @@ impl Discovery {
     /// The next datagram, which is put into `out`, replacing what is there.
     pub fn poll_transmit(&mut self, now: Instant, out: &mut Vec<u8>) -> Option<Transmit> {
         out.clear();
+        self.flush_type_lookup(now);
         let (database, config) = (&self.database, &self.config);
         let announcement = self
             .announcer

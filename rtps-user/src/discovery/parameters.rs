@@ -10,7 +10,7 @@ use crate::wire::{
 use crate::{ipv6, local};
 
 pub(super) const PARTICIPANT_LEASE_DURATION: ParameterId = ParameterId(0x0002);
-pub(super) const TOPIC_NAME: ParameterId = ParameterId(0x0005);
+pub(super) const TOPIC_NAME: ParameterId = ParameterId::TOPIC_NAME;
 pub(super) const TYPE_NAME: ParameterId = ParameterId(0x0007);
 pub(super) const DOMAIN_ID: ParameterId = ParameterId(0x000f);
 pub(super) const DOMAIN_TAG: ParameterId = ParameterId(0x4014);

@@ -35,6 +35,14 @@ impl BuiltinEndpointSet {
     pub const PARTICIPANT_MESSAGE_WRITER: u32 = 1 << 10;
     /// BuiltinParticipantMessageReader.
     pub const PARTICIPANT_MESSAGE_READER: u32 = 1 << 11;
+    /// TypeLookupServiceRequestDataWriter.
+    pub const TYPE_LOOKUP_REQUEST_WRITER: u32 = 1 << 12;
+    /// TypeLookupServiceRequestDataReader.
+    pub const TYPE_LOOKUP_REQUEST_READER: u32 = 1 << 13;
+    /// TypeLookupServiceReplyDataWriter.
+    pub const TYPE_LOOKUP_REPLY_WRITER: u32 = 1 << 14;
+    /// TypeLookupServiceReplyDataReader.
+    pub const TYPE_LOOKUP_REPLY_READER: u32 = 1 << 15;
 
     /// What we have.
     pub const OURS: Self = Self(
@@ -45,7 +53,11 @@ impl BuiltinEndpointSet {
             | Self::SUBSCRIPTIONS_ANNOUNCER
             | Self::SUBSCRIPTIONS_DETECTOR
             | Self::PARTICIPANT_MESSAGE_WRITER
-            | Self::PARTICIPANT_MESSAGE_READER,
+            | Self::PARTICIPANT_MESSAGE_READER
+            | Self::TYPE_LOOKUP_REQUEST_WRITER
+            | Self::TYPE_LOOKUP_REQUEST_READER
+            | Self::TYPE_LOOKUP_REPLY_WRITER
+            | Self::TYPE_LOOKUP_REPLY_READER,
     );
 
     /// Whether the endpoint with this bit is there.

@@ -200,6 +200,14 @@ impl Discovery {
         else {
             return;
         };
+        if builtin::is_type_lookup(reader) {
+            for sample in &samples {
+                if let Err(error) = self.handle_lookup(reader, sample) {
+                    self.refuse_malformed(sample.info.writer.prefix, error);
+                }
+            }
+            return;
+        }
         let mut writers: Vec<_> = samples.iter().map(|sample| sample.info.writer).collect();
         writers.sort();
         writers.dedup();

@@ -185,7 +185,13 @@ impl Announcer {
             if !destinations.is_empty() {
                 self.write(&announcement, out);
                 let destinations = destinations.into();
-                return Some((Transmit { destinations }, answered));
+                return Some((
+                    Transmit {
+                        destinations,
+                        dscp: 0,
+                    },
+                    answered,
+                ));
             }
             if self.queue.is_empty() {
                 return None;
@@ -255,7 +261,7 @@ mod tests {
                     disposed: true,
                     ..StatusInfo::default()
                 },
-                coherent_set: None,
+                ..InlineQos::default()
             },
             kind,
             payload,

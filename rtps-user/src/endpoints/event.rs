@@ -33,6 +33,13 @@ pub enum EndpointEvent {
         /// The limit.
         reason: RejectedReason,
     },
+    /// OFFERED_DEADLINE_MISSED.
+    OfferedDeadlineMissed {
+        /// The writer.
+        writer: EntityId,
+        /// The instance that was not written in time.
+        instance: KeyHash,
+    },
     /// REQUESTED_DEADLINE_MISSED.
     DeadlineMissed {
         /// The reader.
@@ -61,6 +68,9 @@ impl EndpointEvent {
     pub(super) fn of_writer(writer: EntityId, event: WriterEvent) -> Self {
         match event {
             WriterEvent::Acknowledged => Self::Acknowledged(writer),
+            WriterEvent::DeadlineMissed { instance } => {
+                Self::OfferedDeadlineMissed { writer, instance }
+            }
             WriterEvent::LivelinessLost => Self::LivelinessLost(writer),
         }
     }

@@ -22,17 +22,17 @@ use endpoint::{Endpoint, Scheduled};
 use matched::{Local, Match};
 use schedule::{Mark, Schedule};
 
-use crate::reader::{Reader, ReaderConfig};
+use crate::reader::{Reader, ReaderConfig, Sample, Selection};
 use crate::table::Table;
 use crate::wire::{EntityId, Guid, GuidPrefix};
 use crate::writer::{Writer, WriterConfig};
-use crate::{RemoteEndpoint, Transmit};
+use crate::{OwnKeys, RemoteEndpoint, Transmit};
 
 /// The endpoints of one app.
 #[derive(Debug)]
 pub struct Endpoints {
     prefix: GuidPrefix,
-    endpoints: Table<EntityId, Scheduled>,
+    endpoints: Table<EntityId, Scheduled, OwnKeys>,
     /// Each matched remote endpoint.
     matched: Table<Guid, Match>,
     foreign: u64,
@@ -113,6 +113,19 @@ impl Endpoints {
         self.touched(id)?.as_reader_mut()
     }
 
+    /// Takes the next sample out of a reader. Only where there had been no room in the reader is it polled after that.
+    pub fn take_next(&mut self, reader: EntityId, selection: &Selection) -> Option<Sample> {
+        let place = self.endpoints.find(reader)?;
+        let scheduled = self.endpoints.at_mut(place)?;
+        let reader = scheduled.endpoint.as_reader_mut()?;
+        let makes_room = reader.is_blocked();
+        let sample = reader.take_next(selection);
+        if makes_room {
+            self.schedule.touch(place, &mut scheduled.mark);
+        }
+        sample
+    }
+
     /// Matches a local endpoint with a remote one, or updates what is known of a matched one.
     pub fn match_remote(&mut self, now: Instant, local: EntityId, remote: &RemoteEndpoint) {
         match self.touched(local) {
@@ -151,6 +164,18 @@ impl Endpoints {
         }
     }
 
+    /// The app asserts the liveliness of all its writers that are MANUAL_BY_PARTICIPANT.
+    pub fn assert_liveliness(&mut self, now: Instant) {
+        for (place, scheduled) in self.endpoints.iter_mut() {
+            if let Some(writer) = scheduled.endpoint.as_writer_mut()
+                && writer.is_asserted_by_others()
+            {
+                writer.assert_liveliness(now);
+                self.schedule.touch(place, &mut scheduled.mark);
+            }
+        }
+    }
+
     /// Does what is due.
     pub fn handle_timeout(&mut self, now: Instant) {
         for index in 0..self.schedule.dirty_len() {
@@ -159,6 +184,7 @@ impl Endpoints {
             }
         }
         while let Some(place) = self.schedule.pop_due(now) {
+            self.share_liveliness(now, place);
             if let Some(scheduled) = self.endpoints.at_mut(place) {
                 Schedule::popped(&mut scheduled.mark);
                 scheduled.endpoint.handle_timeout(now);
@@ -167,8 +193,19 @@ impl Endpoints {
         }
     }
 
+    /// Whether nothing is to be sent, told or done at `now`: the `poll_*` methods have given all that there was.
+    #[inline]
+    pub fn is_settled(&self, now: Instant) -> bool {
+        self.schedule.dirty_len() == 0
+            && self.events.is_empty()
+            && self.schedule.deadline().is_none_or(|due| due > now)
+    }
+
     /// When [`handle_timeout`](Self::handle_timeout) is due.
     pub fn poll_timeout(&self) -> Option<Instant> {
+        if self.schedule.dirty_len() == 0 {
+            return self.schedule.deadline();
+        }
         let dirty = self.schedule.dirty();
         dirty
             .filter_map(|place| self.endpoints[place].endpoint.poll_timeout())
@@ -204,6 +241,30 @@ impl Endpoints {
             }
         }
         self.events.pop_front()
+    }
+
+    /// A writer whose lease ends may be alive because another is (DDS 1.4 section 2.2.3.11).
+    fn share_liveliness(&mut self, now: Instant, place: u32) {
+        let writer =
+            |scheduled: &Scheduled| scheduled.endpoint.as_writer().map(Writer::asserted_for_all);
+        let due = self
+            .endpoints
+            .at_mut(place)
+            .and_then(|due| due.endpoint.as_writer());
+        if !due.is_some_and(|writer| writer.depends_on_others(now)) {
+            return;
+        }
+        let asserted = self.endpoints.iter_mut();
+        let newest = asserted
+            .filter_map(|(_, scheduled)| writer(scheduled)?)
+            .max();
+        let due = self
+            .endpoints
+            .at_mut(place)
+            .and_then(|due| due.endpoint.as_writer_mut());
+        if let (Some(writer), Some(newest)) = (due, newest) {
+            writer.handle_assertion(newest);
+        }
     }
 
     fn add(&mut self, id: EntityId, endpoint: Endpoint) {

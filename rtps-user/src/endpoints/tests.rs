@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::*;
 use crate::history::{ChangeKind, NewChange};
-use crate::qos::{History, Qos, Reliability};
+use crate::qos::{History, Liveliness, LivelinessKind, Qos, Reliability};
 use crate::reader::Selection;
 use crate::wire::{EntityKind, KeyHash, Timestamp, WireError};
 use crate::writer::WriterTiming;
@@ -119,6 +119,13 @@ impl Apps {
         }
     }
 
+    /// The reading app has sent and told all that there is.
+    fn settle(&mut self) {
+        let mut out = Vec::new();
+        while self.reading.poll_transmit(self.now, &mut out).is_some() {}
+        self.events();
+    }
+
     fn events(&mut self) -> Vec<EndpointEvent> {
         std::iter::from_fn(|| self.reading.poll_event()).collect()
     }
@@ -143,6 +150,50 @@ fn one_datagram_serves_all_matched_readers() {
     let expected = [0, 1].map(|index| EndpointEvent::DataAvailable(apps.readers[index]));
     assert_eq!(apps.events(), expected);
     assert_eq!(apps.taken(), [1, 1, 0]);
+}
+
+#[test]
+fn who_takes_one_sample_leaves_all_settled() {
+    let mut apps = Apps::new();
+    let reader = apps.readers[0];
+    apps.write();
+    assert!(!apps.writing.is_settled(apps.now));
+    for datagram in apps.written() {
+        apps.deliver(&datagram).unwrap();
+    }
+    assert!(!apps.reading.is_settled(apps.now));
+    apps.settle();
+    assert!(apps.reading.is_settled(apps.now));
+    let take = |apps: &mut Apps| apps.reading.take_next(reader, &Selection::default());
+    assert!(take(&mut apps).is_some());
+    assert!(take(&mut apps).is_none());
+    assert!(apps.reading.is_settled(apps.now));
+    let due = apps.writing.poll_timeout().unwrap();
+    assert!(apps.writing.is_settled(due - Duration::from_nanos(1)));
+    assert!(!apps.writing.is_settled(due));
+}
+
+#[test]
+fn a_sample_that_waits_for_room_comes_once_another_was_taken() {
+    let mut apps = Apps::new();
+    let full = apps.readers[0];
+    let guid = Guid::new(apps.reading.prefix(), full);
+    let mut qos = qos();
+    qos.resource_limits.max_samples = Some(1);
+    apps.reading.add_reader(ReaderConfig::new(guid, qos));
+    apps.reading
+        .match_remote(apps.now, full, &remote(apps.writer));
+    apps.write();
+    apps.write();
+    for datagram in apps.written() {
+        apps.deliver(&datagram).unwrap();
+    }
+    apps.settle();
+    let take = |apps: &mut Apps| apps.reading.take_next(full, &Selection::default());
+    assert!(take(&mut apps).is_some());
+    assert_eq!(apps.events(), [EndpointEvent::DataAvailable(full)]);
+    assert!(take(&mut apps).is_some());
+    assert!(take(&mut apps).is_none());
 }
 
 #[test]
@@ -301,4 +352,53 @@ fn what_comes_from_elsewhere_is_refused_and_counted() {
         .handle_datagram(apps.now, second_interface, &acknack)
         .unwrap();
     assert!(is_acknowledged(&apps));
+}
+
+#[test]
+fn manual_by_participant_writers_are_alive_together() {
+    let prefix = GuidPrefix([1; 12]);
+    let ids = [1, 2].map(|serial| EntityId::of_app(1, serial, EntityKind::WriterNoKey));
+    let mut endpoints = Endpoints::new(prefix);
+    for id in ids {
+        endpoints.add_writer(WriterConfig {
+            guid: Guid::new(prefix, id),
+            qos: Qos {
+                liveliness: Liveliness {
+                    kind: LivelinessKind::ManualByParticipant,
+                    lease: crate::wire::Duration::from_std(Duration::from_secs(1)),
+                },
+                ..qos()
+            },
+            datagram_size: 1472,
+            timing: WriterTiming::default(),
+        });
+    }
+    let mut now = Instant::now();
+    endpoints.assert_liveliness(now);
+    let lost = |endpoints: &mut Endpoints, now| {
+        endpoints.handle_timeout(now);
+        while endpoints.poll_transmit(now, &mut Vec::new()).is_some() {}
+        let events = std::iter::from_fn(|| endpoints.poll_event());
+        events.collect::<Vec<_>>()
+    };
+    for _ in 0..5 {
+        now += Duration::from_millis(600);
+        let change = NewChange {
+            kind: ChangeKind::Alive,
+            instance: KeyHash::default(),
+            payload: vec![0; 8].into(),
+            timestamp: Timestamp::default(),
+        };
+        endpoints
+            .writer_mut(ids[0])
+            .unwrap()
+            .write(now, change)
+            .unwrap();
+        assert_eq!(lost(&mut endpoints, now), [], "the other one writes");
+    }
+    now += Duration::from_secs(1);
+    let both = ids.map(EndpointEvent::LivelinessLost);
+    let mut events = lost(&mut endpoints, now);
+    events.sort_by_key(|event| format!("{event:?}"));
+    assert_eq!(events, both);
 }

@@ -2,10 +2,12 @@
 
 use std::collections::VecDeque;
 
+use bytes::Bytes;
+
 use super::changes::Changes;
 use super::instances::Instances;
-use super::{CacheChange, Instance, NewChange};
-use crate::wire::{KeyHash, SequenceNumber};
+use super::{CacheChange, ChangeKind, Instance, Membership, NewChange};
+use crate::wire::{KeyHash, SequenceNumber, Timestamp};
 
 /// Changes by sequence number, and the list of each instance's changes through them. No operation on one change costs
 /// more than O(log n), and those that a stream of changes consists of cost O(1).
@@ -14,6 +16,8 @@ pub struct HistoryCache {
     changes: Changes,
     instances: Instances,
     bytes: usize,
+    /// Changes that only end a coherent set.
+    set_ends: usize,
     /// Of all changes that were ever taken in.
     weight: u64,
     journal: Option<VecDeque<Entry>>,
@@ -54,13 +58,46 @@ impl HistoryCache {
 
     /// Appends a change; `sequence` must be above all that are in here.
     pub fn insert(&mut self, sequence: SequenceNumber, change: NewChange) {
+        self.insert_member(sequence, change, None);
+    }
+
+    /// Appends a change of a coherent set or a group; `sequence` must be above all that are in here.
+    pub fn insert_member(
+        &mut self,
+        sequence: SequenceNumber,
+        change: NewChange,
+        membership: Option<Box<Membership>>,
+    ) {
         debug_assert!(self.last().is_none_or(|last| last < sequence));
         let older = self.instances.append(change.instance, sequence);
         if let Some(older) = older.and_then(|older| self.changes.get_mut(older)) {
             older.newer = Some(sequence);
         }
         self.bytes += change.payload.len();
-        let change = CacheChange::new(change, self.weight, older);
+        let change = CacheChange::new(change, membership, self.weight, older);
+        self.push(sequence, change);
+    }
+
+    /// Appends what says that a coherent set has ended. It belongs to no instance.
+    pub fn insert_set_end(
+        &mut self,
+        sequence: SequenceNumber,
+        membership: Membership,
+        timestamp: Timestamp,
+    ) {
+        debug_assert!(membership.ends_set());
+        let nothing = NewChange {
+            kind: ChangeKind::Alive,
+            instance: KeyHash::default(),
+            payload: Bytes::new(),
+            timestamp,
+        };
+        let change = CacheChange::new(nothing, Some(Box::new(membership)), self.weight, None);
+        self.set_ends += 1;
+        self.push(sequence, change);
+    }
+
+    fn push(&mut self, sequence: SequenceNumber, change: CacheChange) {
         self.weight += change.weight();
         self.changes.push(sequence, change);
         self.note(Entry::Inserted(sequence));
@@ -70,7 +107,11 @@ impl HistoryCache {
     pub fn remove(&mut self, sequence: SequenceNumber) -> Option<CacheChange> {
         let change = self.changes.remove(sequence)?;
         self.bytes -= change.payload.len();
-        self.unlink(&change);
+        if change.ends_set() {
+            self.set_ends -= 1;
+        } else {
+            self.unlink(&change);
+        }
         self.note(Entry::Removed(sequence));
         Some(change)
     }
@@ -101,9 +142,14 @@ impl HistoryCache {
         self.changes.last()
     }
 
-    /// Changes of all instances.
+    /// All changes.
     pub fn len(&self) -> usize {
         self.changes.len()
+    }
+
+    /// Changes of all instances, without those that end sets: what RESOURCE_LIMITS counts.
+    pub fn samples(&self) -> usize {
+        self.changes.len() - self.set_ends
     }
 
     /// Whether there is no change.
@@ -162,9 +208,19 @@ mod tests {
         }
     }
 
+    /// Stands for what belongs to none.
+    const NO_INSTANCE: u8 = u8::MAX;
+
+    const SET_END: Membership = Membership {
+        coherent_set: Some(SequenceNumber::UNKNOWN),
+        group: None,
+        writers: None,
+    };
+
     #[derive(Clone, Debug)]
     enum Operation {
         Insert(u8, usize),
+        EndSet,
         /// Leaves numbers out.
         Skip(i64),
         Remove(i64),
@@ -174,6 +230,7 @@ mod tests {
     fn operation() -> impl Strategy<Value = Operation> {
         prop_oneof![
             3 => (0..4u8, 0..9usize).prop_map(|(instance, bytes)| Operation::Insert(instance, bytes)),
+            1 => Just(Operation::EndSet),
             1 => (1..4i64).prop_map(Operation::Skip),
             3 => (0..128i64).prop_map(Operation::Remove),
             1 => (0..64i64).prop_map(Operation::PopThrough),
@@ -194,6 +251,11 @@ mod tests {
                         cache.insert(SequenceNumber(last), change(instance, bytes));
                         list.push((last, instance, bytes));
                     }
+                    Operation::EndSet => {
+                        last += 1;
+                        cache.insert_set_end(SequenceNumber(last), SET_END, Timestamp::default());
+                        list.push((last, NO_INSTANCE, 0));
+                    }
                     Operation::Skip(numbers) => last += numbers,
                     Operation::Remove(number) => {
                         let removed = cache.remove(SequenceNumber(number)).is_some();
@@ -209,6 +271,8 @@ mod tests {
                     }
                 }
                 prop_assert_eq!(cache.len(), list.len());
+                let samples = list.iter().filter(|entry| entry.1 != NO_INSTANCE);
+                prop_assert_eq!(cache.samples(), samples.count());
                 prop_assert_eq!(cache.bytes(), list.iter().map(|entry| entry.2).sum::<usize>());
                 prop_assert_eq!(cache.first().map(|n| n.0), list.first().map(|entry| entry.0));
                 prop_assert_eq!(cache.last().map(|n| n.0), list.last().map(|entry| entry.0));

@@ -2,6 +2,8 @@
 
 use bytes::Bytes;
 
+use super::Membership;
+use crate::qos::WriterDataLifecycle;
 use crate::wire::{KeyHash, PayloadKind, SequenceNumber, StatusInfo, Timestamp};
 
 /// What a change does to its instance (ChangeKind_t, RTPS 8.2.3).
@@ -19,6 +21,15 @@ pub enum ChangeKind {
 }
 
 impl ChangeKind {
+    /// What a writer says that unregisters an instance (DDS 1.4 section 2.2.3.21).
+    pub fn unregistration(lifecycle: WriterDataLifecycle) -> Self {
+        if lifecycle.autodispose_unregistered_instances {
+            Self::DisposedUnregistered
+        } else {
+            Self::Unregistered
+        }
+    }
+
     /// The flags that stand in the inline QoS.
     pub fn status_info(self) -> StatusInfo {
         StatusInfo {
@@ -64,6 +75,8 @@ pub struct CacheChange {
     pub payload: Bytes,
     /// The source timestamp.
     pub timestamp: Timestamp,
+    /// The coherent set and the group that it belongs to, where it does.
+    pub membership: Option<Box<Membership>>,
     /// The weight of all changes before this one, also of those that are not there any more.
     pub(super) before: u64,
     /// The change of the same instance before this one that is still in the history.
@@ -76,16 +89,28 @@ impl CacheChange {
     /// What a change costs beside its payload, in the history as well as on the wire and in the inboxes of readers.
     pub const OVERHEAD: usize = 128;
 
-    pub(super) fn new(change: NewChange, before: u64, older: Option<SequenceNumber>) -> Self {
+    pub(super) fn new(
+        change: NewChange,
+        membership: Option<Box<Membership>>,
+        before: u64,
+        older: Option<SequenceNumber>,
+    ) -> Self {
         Self {
             kind: change.kind,
             instance: change.instance,
             payload: change.payload,
             timestamp: change.timestamp,
+            membership,
             before,
             older,
             newer: None,
         }
+    }
+
+    /// Whether it is no change of an instance, but says that a coherent set has ended.
+    pub fn ends_set(&self) -> bool {
+        let membership = self.membership.as_deref();
+        membership.is_some_and(Membership::ends_set)
     }
 
     /// Bytes that count when it comes to how much is on its way.

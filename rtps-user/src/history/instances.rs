@@ -1,8 +1,8 @@
 //! The instances that changes belong to.
 
 use std::collections::HashMap;
-use std::hash::{BuildHasherDefault, Hasher};
 
+use crate::own_keys::OwnKeys;
 use crate::wire::{KeyHash, SequenceNumber};
 
 /// The changes of one instance.
@@ -23,7 +23,7 @@ const NAMELESS: KeyHash = KeyHash([0; 16]);
 #[derive(Clone, Debug, Default)]
 pub(super) struct Instances {
     nameless: Option<Instance>,
-    named: HashMap<KeyHash, Instance, BuildHasherDefault<KeyHasher>>,
+    named: HashMap<KeyHash, Instance, OwnKeys>,
 }
 
 impl Instances {
@@ -81,28 +81,6 @@ impl Instances {
             instance.oldest = newer.filter(|_| older.is_none()).unwrap_or(instance.oldest);
             instance.newest = older.filter(|_| newer.is_none()).unwrap_or(instance.newest);
             instance.len -= 1;
-        }
-    }
-}
-
-/// Folds the words of a key hash. Most are hashes already, and all are of the writer's own making: nobody else can
-/// choose them so that they collide.
-#[derive(Clone, Copy, Debug, Default)]
-struct KeyHasher(u64);
-
-impl Hasher for KeyHasher {
-    fn finish(&self) -> u64 {
-        self.0
-    }
-
-    fn write(&mut self, bytes: &[u8]) {
-        // An odd number without pattern spreads the bits of small keys upwards, and the rotation down again.
-        const SPREAD: u64 = 0x9e37_79b9_7f4a_7c15;
-        for word in bytes.chunks(8) {
-            let mut padded = [0; 8];
-            padded[..word.len()].copy_from_slice(word);
-            let mixed = (self.0 ^ u64::from_le_bytes(padded)).wrapping_mul(SPREAD);
-            self.0 = mixed ^ (mixed >> 32);
         }
     }
 }

@@ -7,7 +7,9 @@ mod cache;
 mod change;
 mod changes;
 mod instances;
+mod membership;
 
 pub use cache::{Entry, HistoryCache};
 pub use change::{CacheChange, ChangeKind, NewChange};
 pub use instances::Instance;
+pub use membership::{GroupStamp, Membership};

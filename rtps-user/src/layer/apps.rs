@@ -19,6 +19,8 @@ pub(super) struct App {
     pub(super) backlog: Option<Vec<FromLayer>>,
     /// Until when endpoints that were declared before a restart of the layer must be declared again.
     pub(super) grace: Option<Instant>,
+    /// Whether it wants to know of all participants and endpoints.
+    pub(super) browses: bool,
     /// Its endpoints.
     pub(super) endpoints: BTreeMap<EntityId, Declared>,
 }
@@ -42,6 +44,7 @@ impl App {
             token,
             backlog: None,
             grace: None,
+            browses: false,
             endpoints: BTreeMap::new(),
         }
     }

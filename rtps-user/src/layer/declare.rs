@@ -22,9 +22,16 @@ impl Layer {
         &mut self,
         now: Instant,
         slot: u8,
-        endpoint: Endpoint,
+        mut endpoint: Endpoint,
     ) -> Result<(), String> {
         self.check_endpoint(slot, &endpoint)?;
+        let objects = std::mem::take(&mut endpoint.type_objects);
+        if !objects.is_empty() && self.matchmaker.add_types(&objects).is_err() {
+            return Err(format!(
+                "the TypeObjects of type {} are malformed",
+                endpoint.type_name
+            ));
+        }
         let entity = endpoint.entity;
         let mut replaced = None;
         if let Some(known) = self.apps.endpoint_mut(entity) {
@@ -108,6 +115,7 @@ impl Layer {
             .matchmaker
             .remove(Guid::new(self.config.prefix, entity));
         self.apply(changes);
+        self.hide_endpoint(Guid::new(self.config.prefix, entity));
         let sequence = self.discovery.withdraw(now, entity);
         if let Some(sequence) = sequence {
             self.store(Record::Withdrawn { sequence, entity });
@@ -166,6 +174,7 @@ impl Layer {
             content_filter: endpoint.content_filter.clone(),
         });
         self.apply(changes);
+        self.show_endpoint(Guid::new(self.config.prefix, endpoint.entity));
     }
 
     /// An endpoint of an app as remote participants are to see it: reachable where its participant is.

@@ -30,6 +30,14 @@ impl Layer {
                     participant,
                     manual,
                 } => self.tell_liveliness(participant, manual),
+                DiscoveryEvent::TypesRequested(request) => {
+                    let reply = request.answer(self.matchmaker.types());
+                    self.discovery.reply_to_lookup(reply);
+                }
+                DiscoveryEvent::TypesFound(objects) => {
+                    let changes = self.matchmaker.learn_types(&objects);
+                    self.apply(changes);
+                }
                 DiscoveryEvent::Asserted { sequence, manual } => {
                     self.tell_liveliness(self.config.prefix, manual);
                     self.store(Record::NextSequence {
@@ -69,6 +77,8 @@ impl Layer {
         for writer in writers {
             self.refresh_route(writer);
         }
+        let wanted = self.matchmaker.take_wanted_types();
+        self.discovery.ask_for_types(wanted);
         for change in changes {
             self.supervise(&change);
             self.tell(change);
@@ -152,6 +162,7 @@ impl Layer {
             let changes = self.matchmaker.insert(endpoint);
             self.apply(changes);
         }
+        self.show_participant(prefix);
         self.store(record);
     }
 
@@ -159,6 +170,7 @@ impl Layer {
         for guid in endpoints {
             self.handle_lost_endpoint(*guid);
         }
+        self.hide_participant(prefix);
         self.forget_peer(prefix);
         for writer in [
             EntityId::SEDP_PUBLICATIONS_WRITER,
@@ -181,6 +193,7 @@ impl Layer {
         }
         let changes = self.matchmaker.insert(endpoint);
         self.apply(changes);
+        self.show_endpoint(guid);
         if self.store(Record::Endpoint(Box::new(data))) {
             self.unstorable.remove(&guid);
         } else {
@@ -197,6 +210,7 @@ impl Layer {
     fn handle_lost_endpoint(&mut self, guid: Guid) {
         let changes = self.matchmaker.remove(guid);
         self.apply(changes);
+        self.hide_endpoint(guid);
         self.unstorable.remove(&guid);
         self.forget(StoreKey::endpoint(guid));
     }
@@ -213,18 +227,23 @@ impl Layer {
     }
 }
 
-/// What an app is told of a match: without the data of user, topic and group where a remote participant has announced
+/// What an app is told of a match.
+fn matched(local: EntityId, remote: RemoteEndpoint) -> FromLayer {
+    FromLayer::Matched {
+        local,
+        remote: Box::new(without_large_data(remote)),
+    }
+}
+
+/// An endpoint as apps are told of it: without the data of user, topic and group where a remote participant has announced
 /// so much of them that the message would not reach the app. Matching does not need them.
-fn matched(local: EntityId, mut remote: RemoteEndpoint) -> FromLayer {
-    let qos = &mut remote.qos;
+pub(super) fn without_large_data(mut endpoint: RemoteEndpoint) -> RemoteEndpoint {
+    let (qos, remote) = (&mut endpoint.qos, endpoint.guid);
     let data = [&mut qos.user_data, &mut qos.topic_data, &mut qos.group_data];
     let length: usize = data.iter().map(|data| data.len()).sum();
     if length > MAX_DATA {
-        tracing::warn!(remote = %remote.guid, length, "USER_DATA, TOPIC_DATA and GROUP_DATA are not told to the app");
+        tracing::warn!(%remote, length, "USER_DATA, TOPIC_DATA and GROUP_DATA are not told to the app");
         data.into_iter().for_each(Vec::clear);
     }
-    FromLayer::Matched {
-        local,
-        remote: Box::new(remote),
-    }
+    endpoint
 }

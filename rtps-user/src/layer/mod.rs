@@ -14,6 +14,7 @@
 //! outputs that follow from it are drained, for it is acknowledged.
 
 mod apps;
+mod browse;
 mod channels;
 mod config;
 mod declare;
@@ -158,6 +159,7 @@ impl Layer {
             // On the wire all apps of the host are one participant, so that this asserts for the others as well.
             ToLayer::AssertLiveliness => self.discovery.assert_liveliness(now, true),
             ToLayer::FanOut(fan_out) => self.fan_out(slot, fan_out),
+            ToLayer::Browse { after } => self.browse(slot, after),
             ToLayer::Describe(user_data) => self.describe(now, slot, user_data),
         }
         self.settle();

@@ -9,11 +9,12 @@ use std::net::SocketAddrV4;
 use serde::{Deserialize, Serialize};
 
 use crate::RemoteEndpoint;
+use crate::discovery::ParticipantData;
 use crate::qos::{ContentFilter, PolicyId, Qos};
 use crate::wire::{EntityId, Guid, GuidPrefix};
 
 /// Changes with every incompatible change of this file.
-pub const LAYER_PROTOCOL_VERSION: u32 = 4;
+pub const LAYER_PROTOCOL_VERSION: u32 = 5;
 
 /// The longest encoded value, in bytes; longer ones are refused before they are read.
 pub const MAX_PROTOCOL_MESSAGE: usize = 128 * 1024;
@@ -37,6 +38,12 @@ pub enum ToLayer {
     /// USER_DATA of the participant, at most [`MAX_USER_DATA`] bytes. On the wire all apps of the host are one
     /// participant: the app that has said so last speaks for all, as long as it is there.
     Describe(Vec<u8>),
+    /// The app wants to know of all participants and endpoints, from now on: first of those that are there, endpoints
+    /// after the given one.
+    Browse {
+        /// The last that the app has been told of, where it goes on.
+        after: Option<Guid>,
+    },
 }
 
 /// What the layer says.
@@ -105,6 +112,28 @@ pub enum FromLayer {
         /// Those of its destinations that get what the app sends to the list; the rest, or all, are left to the app.
         destinations: Vec<SocketAddrV4>,
     },
+    /// For an app that browses.
+    Discovered(Discovered),
+}
+
+/// What an app is told that wants to know of all participants and endpoints (DDS 1.4 section 2.2.5). Its own endpoints
+/// are not among them.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+pub enum Discovered {
+    /// What follows is all that there is: what was told before is void.
+    Begin,
+    /// A remote participant, new or changed.
+    Participant(Box<ParticipantData>),
+    /// A remote participant is gone.
+    ParticipantGone(GuidPrefix),
+    /// An endpoint of a remote participant or of another app of the same layer, new or changed.
+    Endpoint(Box<RemoteEndpoint>),
+    /// An endpoint is gone.
+    EndpointGone(Guid),
+    /// There are more endpoints after this one, to be asked for.
+    More(Guid),
+    /// These were all.
+    Complete,
 }
 
 /// How many descriptors come beside a [`FromLayer::Channel`]: the ring that the app fills, the pipe that wakes the other
@@ -172,6 +201,9 @@ pub struct Endpoint {
     pub type_name: String,
     /// TypeInformation of the type, serialized (XTypes 1.3 section 7.6.3.2.1); may be empty.
     pub type_information: Vec<u8>,
+    /// TypeMapping of the type, serialized: the TypeObjects that the TypeInformation names. The layer serves them to
+    /// others, and does not tell them again.
+    pub type_objects: Vec<u8>,
     /// What a reader wants of the topic, if not all.
     pub content_filter: Option<ContentFilter>,
     /// Its policies.

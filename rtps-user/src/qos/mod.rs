@@ -13,6 +13,7 @@ pub(crate) mod strategies;
 
 pub use content_filter::ContentFilter;
 pub use matching::compatible;
+pub(crate) use partition::glob_matches;
 pub use policies::{
     Deadline, DestinationOrder, Durability, DurabilityService, History, LatencyBudget, Lifespan,
     Liveliness, LivelinessKind, Ownership, Partition, PolicyId, Presentation, PresentationScope,

@@ -21,7 +21,7 @@ const DEADLINE: ParameterId = ParameterId(0x0023);
 const DESTINATION_ORDER: ParameterId = ParameterId(0x0025);
 const LATENCY_BUDGET: ParameterId = ParameterId(0x0027);
 const PARTITION: ParameterId = ParameterId(0x0029);
-const LIFESPAN: ParameterId = ParameterId(0x002b);
+const LIFESPAN: ParameterId = ParameterId::LIFESPAN;
 /// USER_DATA of a participant or an endpoint.
 pub(crate) const USER_DATA: ParameterId = ParameterId(0x002c);
 const GROUP_DATA: ParameterId = ParameterId(0x002d);
@@ -164,6 +164,28 @@ pub(crate) fn write_qos(qos: &Qos, writer: bool, list: &mut ParameterWriter<'_>)
         true => write_of_writer(qos, &default, list),
         false => write_of_reader(qos, &default, list),
     }
+}
+
+/// Writes what each sample says to readers that expect inline QoS (RTPS 2.5 section 8.7.2.1, table): the topic, and the
+/// policies of its writer that a reader acts on.
+pub(crate) fn write_inline_qos(qos: &Qos, topic: &str, list: &mut ParameterWriter<'_>) {
+    let Qos {
+        history,
+        resource_limits,
+        durability_service,
+        ..
+    } = Qos::default();
+    let inline = Qos {
+        history,
+        resource_limits,
+        durability_service,
+        user_data: Vec::new(),
+        topic_data: Vec::new(),
+        group_data: Vec::new(),
+        ..qos.clone()
+    };
+    list.parameter(ParameterId::TOPIC_NAME, |out| write_string(topic, out));
+    write_qos(&inline, true, list);
 }
 
 fn write_of_writer(qos: &Qos, default: &Qos, list: &mut ParameterWriter<'_>) {

@@ -32,7 +32,7 @@ fn is_pattern(name: &str) -> bool {
 
 /// Matches without recursion: after a mismatch only the last `*` takes one byte more, so that the time is at most
 /// the product of the lengths.
-fn glob_matches(pattern: &[u8], name: &[u8]) -> bool {
+pub(crate) fn glob_matches(pattern: &[u8], name: &[u8]) -> bool {
     let (mut at, mut position) = (0, 0);
     let mut retry = None;
     while position < name.len() {

@@ -6,13 +6,65 @@ use bytes::Bytes;
 use super::cache::Cache;
 use super::entries::Entry;
 use super::instance::Instance;
-use super::{Sample, SampleInfo, SampleState, Selection, ViewState};
+use super::{Reader, Sample, SampleInfo, SampleState, Selection, ViewState};
 
 /// Whether samples stay.
 #[derive(Clone, Copy, Debug, Eq, PartialEq)]
 pub(super) enum Access {
     Read,
     Take,
+}
+
+impl Reader {
+    /// Takes up to `max` samples in the order of arrival; makes room for samples that could not be accepted. A reader
+    /// with coherent or ordered access of INSTANCE scope gets those of each instance in a row (DDS 1.4 section
+    /// 2.2.2.5.3.8).
+    pub fn take(&mut self, max: usize, selection: &Selection) -> Vec<Sample> {
+        let samples = self.cache.collect(max, selection, Access::Take);
+        self.taken(&samples);
+        samples
+    }
+
+    /// There is room for what could not be accepted.
+    pub(super) fn taken(&mut self, samples: &[Sample]) {
+        if !samples.is_empty() && !self.blocked.is_empty() {
+            self.release();
+        }
+    }
+
+    /// Takes the first sample of a selection in the order of arrival, as [`take`](Self::take) does.
+    pub fn take_next(&mut self, selection: &Selection) -> Option<Sample> {
+        let sample = self.cache.take_next(selection);
+        if sample.is_some() && !self.blocked.is_empty() {
+            self.release();
+        }
+        sample
+    }
+
+    /// Reads up to `max` samples, which stay.
+    pub fn read(&mut self, max: usize, selection: &Selection) -> Vec<Sample> {
+        self.cache.collect(max, selection, Access::Read)
+    }
+
+    /// Whether there is a sample that has not been read.
+    pub fn has_data(&self) -> bool {
+        self.cache.unread_count > 0
+    }
+
+    /// Whether there is a sample that `selection` selects.
+    pub fn has_matching(&self, selection: &Selection) -> bool {
+        self.cache.has_matching(selection)
+    }
+
+    /// How many samples there are, read or not.
+    pub fn len(&self) -> usize {
+        self.cache.entries.len()
+    }
+
+    /// Whether there is no sample.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
 }
 
 impl Cache {
@@ -25,6 +77,14 @@ impl Cache {
     ) -> Vec<Sample> {
         let mut chosen = std::mem::take(&mut self.chosen);
         chosen.extend(self.select(selection).take(max));
+        self.hand_out(chosen, access)
+    }
+
+    /// Hands out samples by their places; makes these the room for those of the next time.
+    pub(super) fn hand_out(&mut self, mut chosen: Vec<u32>, access: Access) -> Vec<Sample> {
+        if self.groups_instances && chosen.len() > 1 {
+            self.group_by_instance(&mut chosen);
+        }
         let mut samples: Vec<Sample> = chosen
             .iter()
             .map(|place| self.sample(*place, access))
@@ -37,6 +97,27 @@ impl Cache {
         }
         self.chosen = chosen;
         samples
+    }
+
+    /// Brings samples of one instance together, in the order of the first ones.
+    fn group_by_instance(&mut self, chosen: &mut [u32]) {
+        let mut count = 0;
+        for place in chosen.iter() {
+            let instance = &mut self.instances[self.entries.get(*place).instance];
+            if instance.collected.0 == 0 {
+                count += 1;
+                instance.collected.0 = count;
+            }
+        }
+        chosen.sort_by_key(|place| {
+            self.instances[self.entries.get(*place).instance]
+                .collected
+                .0
+        });
+        for place in chosen.iter() {
+            let instance = self.entries.get(*place).instance;
+            self.instances[instance].collected = (0, 0);
+        }
     }
 
     /// Takes the first sample that `selection` selects.
@@ -53,7 +134,7 @@ impl Cache {
         self.select(selection).next().is_some()
     }
 
-    fn select<'a>(&'a self, selection: &'a Selection) -> impl Iterator<Item = u32> + 'a {
+    pub(super) fn select<'a>(&'a self, selection: &'a Selection) -> impl Iterator<Item = u32> + 'a {
         let mut next = match selection.instance {
             Some(key) => self.samples_of(key),
             None => self.entries.arrival(),
@@ -73,11 +154,13 @@ impl Cache {
     fn is_selected(&self, place: u32, selection: &Selection) -> bool {
         let entry = self.entries.get(place);
         let instance = &self.instances[entry.instance];
-        selection.sample_states.contains(sample_state(entry))
+        entry.arrival < self.horizon
+            && selection.sample_states.contains(sample_state(entry))
             && selection.view_states.contains(instance.view)
             && selection.instance_states.contains(instance.state)
     }
 
+    #[inline]
     fn sample(&mut self, place: u32, access: Access) -> Sample {
         let entry = self.entries.get_mut(place);
         let instance = &self.instances[entry.instance];
@@ -88,6 +171,12 @@ impl Cache {
             Access::Take => std::mem::take(&mut entry.payload),
         };
         Sample { payload, info }
+    }
+
+    /// What is known of a sample by itself.
+    pub(super) fn info(&self, place: u32) -> SampleInfo {
+        let entry = self.entries.get(place);
+        info(entry, &self.instances[entry.instance])
     }
 
     /// Fills in the ranks; called from the last sample of a collection to its first.
@@ -106,12 +195,14 @@ impl Cache {
     }
 
     /// Removes a taken sample or marks a read one, and its instance as seen.
+    #[inline]
     fn accessed(&mut self, place: u32, access: Access) {
         let entry = self.entries.get_mut(place);
         let was_read = std::mem::replace(&mut entry.read, true);
         let instance = entry.instance;
         if !was_read {
             self.unread_count -= 1;
+            self.seen(place);
         }
         self.instances[instance].view = ViewState::NotNew;
         self.instances[instance].collected = (0, 0);
@@ -137,6 +228,10 @@ fn info(entry: &Entry, instance: &Instance) -> SampleInfo {
         writer: entry.writer,
         sequence: entry.sequence,
         source_timestamp: entry.timestamp,
+        group_sequence: entry
+            .extras
+            .as_ref()
+            .and_then(|extras| extras.group_sequence),
         reception: entry.reception,
         sample_state: sample_state(entry),
         view_state: instance.view,

@@ -4,74 +4,75 @@
 //! HISTORY and the limits count samples with data. News without data (disposed, no writers) never push data out
 //! and are never refused; at most one of them stands between two samples of an instance.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::time::Instant;
 
+use super::admission::{Limits, Place};
 use super::change::Change;
-use super::deadline::Deadlines;
 use super::entries::{Entries, Entry, List};
 use super::events::Events;
+use super::groups::Groups;
 use super::instance::Instance;
-use super::{InstanceState, ReaderEvent, RejectedReason};
-use crate::qos::{History, Qos};
+use super::lifecycle::Lifecycle;
+use super::ownership::Strengths;
+use super::rules::Rules;
+use super::timers::Timers;
+use super::{InstanceState, ReaderConfig, ReaderEvent};
+use crate::deadline::Deadlines;
+use crate::qos::{Ownership, Presentation, PresentationScope, Qos};
 use crate::table::Table;
-use crate::wire::{Guid, KeyHash};
-
-/// Instances that a reader without max_instances keeps.
-const MAX_INSTANCES: usize = 1 << 20;
-
-/// Where the cache will put a change that it has room for.
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Place {
-    /// With an instance that is there.
-    Instance(u32),
-    /// With an instance yet to be made.
-    NewInstance,
-    /// Nowhere: it changes nothing.
-    Nowhere,
-}
+use crate::wire::{Guid, KeyHash, StatusInfo};
 
 #[derive(Debug)]
 pub(super) struct Cache {
-    limits: Limits,
+    pub(super) limits: Limits,
     pub(super) entries: Entries,
     pub(super) instances: Table<KeyHash, Instance>,
     /// Instances that may be forgotten when there is no room for others, oldest first.
-    idle: VecDeque<KeyHash>,
+    pub(super) idle: VecDeque<KeyHash>,
     deadlines: Deadlines,
-    valid_count: usize,
+    pub(super) lifecycle: Lifecycle,
+    /// Whether anything may ever be due.
+    is_timed: bool,
+    pub(super) rules: Option<Box<Rules>>,
+    /// When samples expire, by their places (LIFESPAN).
+    expiries: Timers<u32>,
+    pub(super) valid_count: usize,
     pub(super) unread_count: usize,
+    /// Changes of coherent sets that wait, for which room is kept.
+    pub(super) staged: usize,
+    /// Parts of the sets of publishers, where somebody releases them.
+    pub(super) groups: Option<Groups>,
+    /// Whether a content filter keeps samples out, so that there are instances that nothing is known of.
+    pub(super) is_filtered: bool,
+    /// Whether samples that are handed out together are in the order of their instances first (PRESENTATION).
+    pub(super) groups_instances: bool,
+    /// Samples that have come before so many others are visible.
+    pub(super) horizon: u64,
+    /// The instances with samples, by their keys, once somebody walks over them.
+    pub(super) walked: Option<BTreeSet<KeyHash>>,
     /// Room for the places of the samples that are being handed out; empty in between.
     pub(super) chosen: Vec<u32>,
 }
 
-/// HISTORY and RESOURCE_LIMITS as numbers.
-#[derive(Debug)]
-struct Limits {
-    depth: Option<usize>,
-    samples: usize,
-    instances: usize,
-    samples_per_instance: usize,
+/// Whether a reader with these policies has something to do as time passes, whatever its writers offer.
+fn is_timed(qos: &Qos) -> bool {
+    let lifecycle = qos.reader_data_lifecycle;
+    !qos.deadline.0.is_infinite()
+        || !lifecycle.autopurge_nowriter_samples_delay.is_infinite()
+        || !lifecycle.autopurge_disposed_samples_delay.is_infinite()
+        || qos.time_based_filter.0 != crate::wire::Duration::ZERO
 }
 
-impl Limits {
-    fn new(qos: &Qos) -> Self {
-        let number = |limit: Option<u32>| limit.map_or(usize::MAX, |limit| limit as usize);
-        let samples_per_instance = number(qos.resource_limits.max_samples_per_instance);
-        Self {
-            depth: match qos.history {
-                History::KeepLast(depth) => Some((depth as usize).min(samples_per_instance).max(1)),
-                History::KeepAll => None,
-            },
-            samples: number(qos.resource_limits.max_samples),
-            instances: number(qos.resource_limits.max_instances).min(MAX_INSTANCES),
-            samples_per_instance,
-        }
-    }
+/// INSTANCE scope is the default, too; only who asks for a kind of access means it.
+fn groups_instances(presentation: Presentation) -> bool {
+    let is_asked_for = presentation.coherent || presentation.ordered;
+    is_asked_for && presentation.scope == PresentationScope::Instance
 }
 
 impl Cache {
-    pub(super) fn new(qos: &Qos) -> Self {
+    pub(super) fn new(config: &ReaderConfig) -> Self {
+        let qos = &config.qos;
         let mut deadlines = Deadlines::default();
         deadlines.set_period(qos.deadline.0.to_std());
         Self {
@@ -80,8 +81,18 @@ impl Cache {
             instances: Table::default(),
             idle: VecDeque::new(),
             deadlines,
+            lifecycle: Lifecycle::new(qos.reader_data_lifecycle),
+            is_timed: is_timed(qos),
+            rules: Rules::new(qos),
+            expiries: Timers::default(),
             valid_count: 0,
             unread_count: 0,
+            staged: 0,
+            groups: None,
+            is_filtered: config.content_filter.is_some(),
+            groups_instances: groups_instances(qos.presentation),
+            horizon: u64::MAX,
+            walked: None,
             chosen: Vec::new(),
         }
     }
@@ -89,48 +100,13 @@ impl Cache {
     /// Takes over changed policies for what arrives from now on.
     pub(super) fn set_qos(&mut self, qos: &Qos) {
         self.limits = Limits::new(qos);
+        self.is_timed |= is_timed(qos);
+        self.lifecycle.set_qos(qos.reader_data_lifecycle);
+        match &mut self.rules {
+            Some(rules) => rules.set_qos(qos),
+            None => self.rules = Rules::new(qos),
+        }
         self.deadlines.set_period(qos.deadline.0.to_std());
-    }
-
-    /// Looks for room for a change.
-    pub(super) fn admit(&mut self, change: &Change) -> Result<Place, RejectedReason> {
-        let Some(instance) = self.instances.find(change.instance) else {
-            return self.admit_instance(change);
-        };
-        if !change.valid_data {
-            return Ok(Place::Instance(instance));
-        }
-        let count = self.instances[instance].valid_count;
-        match self.limits.depth {
-            Some(depth) if count >= depth => return Ok(Place::Instance(instance)),
-            None if count >= self.limits.samples_per_instance => {
-                return Err(RejectedReason::SamplesPerInstance);
-            }
-            _ => {}
-        }
-        self.admit_sample()?;
-        Ok(Place::Instance(instance))
-    }
-
-    fn admit_sample(&self) -> Result<(), RejectedReason> {
-        if self.valid_count >= self.limits.samples {
-            return Err(RejectedReason::Samples);
-        }
-        Ok(())
-    }
-
-    fn admit_instance(&mut self, change: &Change) -> Result<Place, RejectedReason> {
-        let only_unregisters = !change.valid_data && !change.status.disposed;
-        if only_unregisters {
-            return Ok(Place::Nowhere);
-        }
-        if change.valid_data {
-            self.admit_sample()?;
-        }
-        if self.instances.len() >= self.limits.instances && !self.forget_idle() {
-            return Err(RejectedReason::Instances);
-        }
-        Ok(Place::NewInstance)
     }
 
     /// Puts a change where [`admit`](Self::admit) found room for it.
@@ -141,56 +117,184 @@ impl Cache {
                 change.instance,
                 Instance::new(change.instance, change.reception),
             ),
-            Place::Nowhere => return,
+            Place::Late(instance) => return self.store_late(instance, change, events),
+            Place::Withheld(instance) => return self.withhold(instance, change),
+            Place::Overlooked(instance) => return self.overlook(instance, &change, events),
+            Place::Set | Place::Nowhere => return,
         };
-        let (status, writer) = (change.status, change.writer);
-        let mut news = change.valid_data;
-        if change.valid_data {
-            self.written(instance, writer, change.reception);
-            self.make_room(instance);
-            self.push(instance, change);
-            self.settle(instance, status.disposed, status.unregistered, writer);
-        } else if self.settle(instance, status.disposed, status.unregistered, writer) {
-            self.push_news(instance, change);
-            news = true;
+        if self.rules.is_some() {
+            self.apply_rules(instance, &change, events);
         }
-        if news {
+        let (status, writer, at) = (change.status, change.writer, change.reception);
+        if change.valid_data {
+            self.store_sample(instance, change);
+            events.data_available();
+            if !status.is_alive() {
+                self.settle(instance, status, writer, at);
+            }
+            return;
+        }
+        if self.settle(instance, status, writer, at) {
+            self.push_news(instance, change);
             events.data_available();
         }
         self.review(instance);
     }
 
+    /// Adds a sample as the newest of its instance, which is alive then.
+    #[inline]
+    pub(super) fn store_sample(&mut self, instance: u32, change: Change) {
+        self.written(instance, change.writer, change.reception);
+        self.make_room(instance);
+        self.push(instance, change);
+    }
+
+    #[inline]
     fn written(&mut self, place: u32, writer: Guid, now: Instant) {
         let instance = &mut self.instances[place];
+        if instance.state != InstanceState::Alive {
+            self.lifecycle
+                .entered(now, instance.key, InstanceState::Alive);
+        }
         instance.written(writer, now);
         if !instance.watched {
             instance.watched = self.deadlines.watch(instance.key, now);
         }
     }
 
+    /// What a change that counts is to the rules.
+    fn apply_rules(&mut self, place: u32, change: &Change, events: &mut Events) {
+        if change.valid_data || change.status.disposed {
+            self.take_withheld(place);
+        } else {
+            self.give_out(change.reception, place, events);
+        }
+        let instance = &mut self.instances[place];
+        if let Some(rules) = &self.rules {
+            rules.note(instance, change);
+        }
+        if change.valid_data {
+            let precedents = instance.precedents.get_or_insert_default();
+            precedents.passed = Some(change.reception);
+        }
+    }
+
+    /// Adds a sample before others of its instance, whose state is not its business.
+    fn store_late(&mut self, place: u32, change: Change, events: &mut Events) {
+        let instance = &mut self.instances[place];
+        instance.register(change.writer);
+        instance.updated = change.reception;
+        self.make_room(place);
+        self.push(place, change);
+        events.data_available();
+    }
+
+    /// Of a change that does not count it does who writes the instance.
+    fn overlook(&mut self, place: u32, change: &Change, events: &mut Events) {
+        let status = change.status;
+        if change.valid_data || status.disposed {
+            self.instances[place].register(change.writer);
+        }
+        if status.unregistered {
+            self.unregister(change.reception, place, change.writer, events);
+        }
+    }
+
     /// Applies a dispose, an unregister or both; returns whether the instance's state has changed.
-    fn settle(&mut self, instance: u32, dispose: bool, unregister: bool, writer: Guid) -> bool {
-        let instance = &mut self.instances[instance];
-        let disposed = dispose && instance.dispose(writer);
-        let orphaned = unregister && instance.unregister(writer);
+    #[inline]
+    fn settle(&mut self, place: u32, status: StatusInfo, writer: Guid, now: Instant) -> bool {
+        let instance = &mut self.instances[place];
+        let disposed = status.disposed && instance.dispose(writer);
+        let orphaned = status.unregistered && instance.unregister(writer);
+        if let Some(rules) = &self.rules
+            && status.unregistered
+        {
+            rules.give_up(instance, writer);
+        }
+        if disposed || orphaned {
+            self.lifecycle.entered(now, instance.key, instance.state);
+        }
         disposed || orphaned
+    }
+
+    /// A writer does not write an instance any more, without a change that says so.
+    fn unregister(&mut self, now: Instant, place: u32, writer: Guid, events: &mut Events) {
+        if !self.instances[place].writers().contains(&writer) {
+            return;
+        }
+        if self.rules.is_some() {
+            self.give_out(now, place, events);
+        }
+        let news = Change::orphaned(self.instances[place].key, writer, now);
+        if self.settle(place, news.status, writer, now) {
+            self.push_news(place, news);
+            events.data_available();
+        }
+        self.review(place);
+    }
+
+    /// A writer is matched, or offers something else than before.
+    pub(super) fn writer_known(&mut self, writer: Guid, ownership: Ownership) {
+        if let Some(strengths) = self.strengths() {
+            strengths.set(writer, ownership);
+        }
+    }
+
+    /// A writer is matched no more.
+    pub(super) fn writer_unknown(&mut self, now: Instant, writer: Guid, events: &mut Events) {
+        self.writer_gone(now, writer, events);
+        if let Some(strengths) = self.strengths() {
+            strengths.remove(writer);
+        }
     }
 
     /// A writer is gone, or not alive: it writes no instance any more.
     pub(super) fn writer_gone(&mut self, now: Instant, writer: Guid, events: &mut Events) {
         for place in self.instances.places() {
-            let instance = &mut self.instances[place];
-            if instance.unregister(writer) {
-                let news = Change::orphaned(instance.key, writer, now);
-                self.push_news(place, news);
-                events.data_available();
-            }
-            self.review(place);
+            self.unregister(now, place, writer, events);
+        }
+    }
+
+    fn strengths(&mut self) -> Option<&mut Strengths> {
+        self.rules.as_mut()?.strengths.as_mut()
+    }
+
+    /// Does what is due: reports missed deadlines and drops what is worth nothing any more.
+    pub(super) fn handle_timeout(&mut self, now: Instant, events: &mut Events) {
+        self.check_deadlines(now, events);
+        self.drop_expired(now);
+        self.purge(now);
+        self.give_out_due(now, events);
+    }
+
+    /// When [`handle_timeout`](Self::handle_timeout) has something to do.
+    #[inline]
+    pub(super) fn poll_timeout(&self) -> Option<Instant> {
+        if !self.is_timed {
+            return None;
+        }
+        [
+            self.deadlines.next(),
+            self.expiries.next(),
+            self.lifecycle.next(),
+            self.next_due(),
+        ]
+        .into_iter()
+        .flatten()
+        .min()
+    }
+
+    /// LIFESPAN (DDS 1.4 section 2.2.3.16): samples that are over go, read or not.
+    fn drop_expired(&mut self, now: Instant) {
+        while let Some(place) = self.expiries.pop(now) {
+            let instance = self.entries.get(place).instance;
+            self.remove(place);
+            self.review(instance);
         }
     }
 
     /// Reports instances whose deadline has passed without data.
-    pub(super) fn check_deadlines(&mut self, now: Instant, events: &mut Events) {
+    fn check_deadlines(&mut self, now: Instant, events: &mut Events) {
         while let Some(key) = self.deadlines.pop(now) {
             let Some(place) = self.instances.find(key) else {
                 continue;
@@ -202,16 +306,15 @@ impl Cache {
             }
             let since = if self.deadlines.is_missed(instance.updated, now) {
                 events.push(ReaderEvent::DeadlineMissed { instance: key });
+                if let Some(precedents) = &mut instance.precedents {
+                    precedents.owner = None;
+                }
                 now
             } else {
                 instance.updated
             };
             instance.watched = self.deadlines.watch(key, since);
         }
-    }
-
-    pub(super) fn next_deadline(&self) -> Option<Instant> {
-        self.deadlines.next()
     }
 
     /// The samples of an instance, oldest first.
@@ -222,9 +325,9 @@ impl Cache {
     }
 
     /// Removes a sample.
-    pub(super) fn remove(&mut self, place: u32) -> Option<Entry> {
-        let instance = &mut self.instances[self.entries.get(place).instance];
-        let entry = self.entries.remove(&mut instance.samples, place)?;
+    pub(super) fn remove(&mut self, place: u32) {
+        let entry = self.entries.get(place);
+        let instance = &mut self.instances[entry.instance];
         if entry.valid_data {
             instance.valid_count -= 1;
             self.valid_count -= 1;
@@ -232,7 +335,15 @@ impl Cache {
         if !entry.read {
             self.unread_count -= 1;
         }
-        Some(entry)
+        if entry.extras.is_some() {
+            self.expiries.cancel(place);
+        }
+        self.entries.remove(&mut instance.samples, place);
+        if let Some(walked) = &mut self.walked
+            && instance.samples.is_empty()
+        {
+            walked.remove(&instance.key);
+        }
     }
 
     /// Forgets an instance that is over, and lists one that is idle.
@@ -242,29 +353,20 @@ impl Cache {
         };
         if instance.is_over() {
             let key = instance.key;
-            self.instances.remove(key);
+            self.forget(key);
         } else if instance.is_idle() && !instance.listed_idle {
             instance.listed_idle = true;
             self.idle.push_back(instance.key);
         }
     }
 
-    /// Forgets the instance that has been idle for longest; false when there is none.
-    fn forget_idle(&mut self) -> bool {
-        while let Some(key) = self.idle.pop_front() {
-            let Some(place) = self.instances.find(key) else {
-                continue;
-            };
-            self.instances[place].listed_idle = false;
-            if self.instances[place].is_idle() {
-                self.instances.remove(key);
-                return true;
-            }
-        }
-        false
+    pub(super) fn forget(&mut self, key: KeyHash) {
+        self.instances.remove(key);
+        self.lifecycle.forget(key);
     }
 
     /// KEEP_LAST: the oldest samples of an instance make room for one more, with the news before them.
+    #[inline]
     fn make_room(&mut self, instance: u32) {
         let Some(depth) = self.limits.depth else {
             return;
@@ -272,10 +374,20 @@ impl Cache {
         while self.instances[instance].valid_count >= depth
             && let Some(oldest) = self.instances[instance].samples.first()
         {
+            self.seen(oldest);
             self.remove(oldest);
         }
     }
 
+    /// The application has seen a sample, or will not see it any more.
+    pub(super) fn seen(&mut self, place: u32) {
+        if let Some(rules) = &self.rules {
+            let entry = self.entries.get(place);
+            rules.note_seen(&mut self.instances[entry.instance], entry);
+        }
+    }
+
+    #[inline]
     fn push(&mut self, place: u32, change: Change) {
         let instance = &mut self.instances[place];
         if change.valid_data {
@@ -283,7 +395,14 @@ impl Cache {
             self.valid_count += 1;
         }
         self.unread_count += 1;
+        if let Some(walked) = &mut self.walked
+            && instance.samples.is_empty()
+        {
+            walked.insert(instance.key);
+        }
+        let expiry = change.expiry();
         let entry = Entry {
+            extras: change.extras,
             payload: change.payload,
             valid_data: change.valid_data,
             read: false,
@@ -294,8 +413,20 @@ impl Cache {
             disposed_generation: instance.disposed_generation,
             no_writers_generation: instance.no_writers_generation,
             instance: place,
+            arrival: 0,
         };
-        self.entries.push(&mut instance.samples, entry);
+        let place = match self
+            .rules
+            .as_ref()
+            .and_then(|rules| rules.source_order.as_ref())
+        {
+            None => self.entries.push(&mut instance.samples, entry),
+            Some(order) => order.insert(&mut self.entries, &mut instance.samples, entry),
+        };
+        if let Some(at) = expiry {
+            self.expiries.set(place, at);
+            self.is_timed = true;
+        }
     }
 
     /// Adds a sample without data, in place of one that would stand right before it.

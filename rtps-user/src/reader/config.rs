@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::CountClock;
+use crate::filter::PayloadFilter;
 use crate::qos::Qos;
 use crate::wire::{Guid, KeyHash, PayloadKind};
 
@@ -25,6 +26,8 @@ pub struct ReaderConfig {
     pub max_sample_size: usize,
     /// How to find the instance of a sample that comes without key hash; not needed for topics without key.
     pub instance_of: Option<InstanceOf>,
+    /// The content filter; what it is not interested in is acknowledged, but does not come in.
+    pub content_filter: Option<PayloadFilter>,
     /// Its timing parameters.
     pub timing: ReaderTiming,
 }
@@ -41,6 +44,7 @@ impl ReaderConfig {
             datagram_size: 1452,
             max_sample_size: Self::MAX_SAMPLE_SIZE,
             instance_of: None,
+            content_filter: None,
             timing: ReaderTiming::default(),
         }
     }
@@ -54,6 +58,7 @@ impl fmt::Debug for ReaderConfig {
             .field("datagram_size", &self.datagram_size)
             .field("max_sample_size", &self.max_sample_size)
             .field("instance_of", &self.instance_of.is_some())
+            .field("content_filter", &self.content_filter.is_some())
             .field("timing", &self.timing)
             .finish()
     }

@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use bytes::Bytes;
 
+use super::change::Extras;
 use crate::slab::Slab;
 use crate::wire::{Guid, SequenceNumber, Timestamp};
 
@@ -18,11 +19,14 @@ pub(super) struct Entry {
     pub(super) writer: Guid,
     pub(super) sequence: SequenceNumber,
     pub(super) timestamp: Option<Timestamp>,
+    pub(super) extras: Option<Box<Extras>>,
     pub(super) reception: Instant,
     pub(super) disposed_generation: u32,
     pub(super) no_writers_generation: u32,
     /// Where its instance is.
     pub(super) instance: u32,
+    /// How many samples had been added before it.
+    pub(super) arrival: u64,
 }
 
 impl Entry {
@@ -84,12 +88,18 @@ type Of = fn(&mut Node) -> &mut Links;
 pub(super) struct Entries {
     nodes: Slab<Node>,
     arrival: List,
+    count: u64,
 }
 
 impl Entries {
     /// All in the order of arrival.
     pub(super) fn arrival(&self) -> List {
         self.arrival
+    }
+
+    /// How many there have ever been.
+    pub(super) fn count(&self) -> u64 {
+        self.count
     }
 
     pub(super) fn len(&self) -> usize {
@@ -116,8 +126,47 @@ impl Entries {
         (next != NONE).then_some(next)
     }
 
-    /// Adds an entry as the newest of all and of its instance.
-    pub(super) fn push(&mut self, siblings: &mut List, entry: Entry) {
+    /// Those of an instance.
+    pub(super) fn siblings(&self, siblings: List) -> impl Iterator<Item = &Entry> + '_ {
+        let places = std::iter::successors(siblings.first(), |place| self.next_sibling(*place));
+        places.map(|place| self.get(place))
+    }
+
+    /// All, the last one first.
+    pub(super) fn arrivals_back(&self) -> impl Iterator<Item = u32> + '_ {
+        self.back(self.arrival, |node| node.arrival)
+    }
+
+    /// Those of an instance, the last one first.
+    pub(super) fn siblings_back(&self, siblings: List) -> impl Iterator<Item = u32> + '_ {
+        self.back(siblings, |node| node.sibling)
+    }
+
+    fn back(&self, list: List, of: fn(&Node) -> Links) -> impl Iterator<Item = u32> + '_ {
+        let step = move |place: &u32| {
+            let previous = of(&self.nodes[*place]).previous;
+            (previous != NONE).then_some(previous)
+        };
+        std::iter::successors(list.last(), step)
+    }
+
+    /// Adds an entry as the newest of all and of its instance; returns its place.
+    #[inline]
+    pub(super) fn push(&mut self, siblings: &mut List, entry: Entry) -> u32 {
+        self.insert(siblings, entry, None, None)
+    }
+
+    /// Adds an entry before others, of its instance and of all; as the newest where there is none.
+    #[inline]
+    pub(super) fn insert(
+        &mut self,
+        siblings: &mut List,
+        mut entry: Entry,
+        next_sibling: Option<u32>,
+        next_arrival: Option<u32>,
+    ) -> u32 {
+        entry.arrival = self.count;
+        self.count += 1;
         let unlinked = Links {
             previous: NONE,
             next: NONE,
@@ -128,27 +177,32 @@ impl Entries {
             sibling: unlinked,
         });
         let mut arrival = self.arrival;
-        self.link(&mut arrival, place, |node| &mut node.arrival);
+        self.link(&mut arrival, place, next_arrival, |node| &mut node.arrival);
         self.arrival = arrival;
-        self.link(siblings, place, |node| &mut node.sibling);
+        self.link(siblings, place, next_sibling, |node| &mut node.sibling);
+        place
     }
 
     /// Removes an entry.
-    pub(super) fn remove(&mut self, siblings: &mut List, place: u32) -> Option<Entry> {
+    pub(super) fn remove(&mut self, siblings: &mut List, place: u32) {
         let mut arrival = self.arrival;
         self.unlink(&mut arrival, place, |node| &mut node.arrival);
         self.arrival = arrival;
         self.unlink(siblings, place, |node| &mut node.sibling);
-        self.nodes.remove(place).map(|node| node.entry)
+        self.nodes.clear(place);
     }
 
-    fn link(&mut self, list: &mut List, place: u32, of: Of) {
-        of(&mut self.nodes[place]).previous = list.tail;
-        match self.nodes.get_mut(list.tail) {
-            Some(last) => of(last).next = place,
+    fn link(&mut self, list: &mut List, place: u32, before: Option<u32>, of: Of) {
+        let next = before.unwrap_or(NONE);
+        let previous = match before {
+            Some(next) => std::mem::replace(&mut of(&mut self.nodes[next]).previous, place),
+            None => std::mem::replace(&mut list.tail, place),
+        };
+        *of(&mut self.nodes[place]) = Links { previous, next };
+        match self.nodes.get_mut(previous) {
+            Some(node) => of(node).next = place,
             None => list.head = place,
         }
-        list.tail = place;
     }
 
     fn unlink(&mut self, list: &mut List, place: u32, of: Of) {

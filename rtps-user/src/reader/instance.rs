@@ -4,6 +4,7 @@
 use std::time::Instant;
 
 use super::entries::List;
+use super::rules::Precedents;
 use super::{InstanceState, ViewState};
 use crate::wire::{Guid, KeyHash};
 
@@ -26,6 +27,8 @@ pub(super) struct Instance {
     pub(super) listed_idle: bool,
     /// How many of its samples a collection in the making has so far, and the generation of the newest.
     pub(super) collected: (u32, u32),
+    /// What the reader's rules, if it has any, have to know of it.
+    pub(super) precedents: Option<Box<Precedents>>,
     writers: Vec<Guid>,
 }
 
@@ -43,6 +46,7 @@ impl Instance {
             watched: false,
             listed_idle: false,
             collected: (0, 0),
+            precedents: None,
             writers: Vec::new(),
         }
     }
@@ -104,8 +108,13 @@ impl Instance {
         self.writers.iter().position(|known| *known == writer)
     }
 
-    /// Writers take turns rarely, so the last one is looked at first.
-    fn register(&mut self, writer: Guid) {
+    /// Who writes it.
+    pub(super) fn writers(&self) -> &[Guid] {
+        &self.writers
+    }
+
+    /// `writer` writes it. Writers take turns rarely, so the last one is looked at first.
+    pub(super) fn register(&mut self, writer: Guid) {
         match self.position(writer) {
             Some(0) => {}
             Some(position) => self.writers.swap(0, position),

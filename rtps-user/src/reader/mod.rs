@@ -8,27 +8,39 @@
 
 mod access;
 mod acknack;
+mod admission;
 mod cache;
 mod change;
+mod coherent;
 mod config;
-mod deadline;
 mod entries;
 mod event;
 mod events;
+mod groups;
 mod heartbeat_filter;
+mod held;
 mod instance;
+mod lifecycle;
 mod liveliness;
+mod ownership;
+mod query;
 mod ranges;
 mod reassembly;
 mod repair_time;
+mod rules;
 mod sample;
+mod separation;
+mod source_order;
+mod staging;
 #[cfg(test)]
 mod tests;
 mod timers;
+mod walk;
 mod writer_proxy;
 
 pub use config::{InstanceOf, ReaderConfig, ReaderTiming};
 pub use event::{ReaderEvent, RejectedReason};
+pub use groups::GroupSet;
 pub use sample::{
     InstanceState, Mask, Sample, SampleInfo, SampleState, Selection, State, ViewState,
 };
@@ -36,13 +48,13 @@ pub use sample::{
 use std::collections::BTreeSet;
 use std::time::Instant;
 
+use crate::filter::PayloadFilter;
 use crate::qos::Qos;
 use crate::table::Table;
 use crate::wire::{
     Data, DataFrag, Gap, Guid, GuidPrefix, Heartbeat, HeartbeatFrag, SequenceNumber, Timestamp,
 };
 use crate::{RemoteEndpoint, Transmit};
-use access::Access;
 use cache::Cache;
 use change::{Arrival, Payload};
 use events::Events;
@@ -82,7 +94,7 @@ impl Reader {
     /// A reader without writers.
     pub fn new(config: ReaderConfig) -> Self {
         Self {
-            cache: Cache::new(&config.qos),
+            cache: Cache::new(&config),
             config,
             proxies: Table::default(),
             events: Events::default(),
@@ -110,8 +122,15 @@ impl Reader {
         self.config.qos = qos;
     }
 
+    /// Sets or changes the content filter, for what arrives from now on.
+    pub fn set_content_filter(&mut self, filter: Option<PayloadFilter>) {
+        self.cache.is_filtered = filter.is_some();
+        self.config.content_filter = filter;
+    }
+
     /// Matches a writer, or takes over the changed locators and policies of a matched one.
     pub fn match_writer(&mut self, now: Instant, remote: &RemoteEndpoint) {
+        self.cache.writer_known(remote.guid, remote.qos.ownership);
         if let Some(proxy) = self.proxies.get_mut(remote.guid) {
             proxy.update(remote);
             self.watch.follow(remote.guid, &proxy.lease);
@@ -130,7 +149,7 @@ impl Reader {
     /// Forgets a writer; what is held of it because something before it is missing, or because there was no
     /// room, is lost.
     pub fn unmatch_writer(&mut self, now: Instant, writer: Guid) {
-        let Some(proxy) = self.proxies.remove(writer) else {
+        let Some(mut proxy) = self.proxies.remove(writer) else {
             return;
         };
         self.messages.cancel((writer, Message::Greeting));
@@ -138,13 +157,21 @@ impl Reader {
         self.blocked.remove(&writer);
         self.count = self.count.max(proxy.responder.count());
         self.events.lost(writer, proxy.held_count() as u64);
+        if let Some(sets) = &mut proxy.sets {
+            sets.drop_open(&mut self.cache, &mut self.events);
+        }
         self.watch.end(writer, &proxy.lease, &mut self.events);
-        self.cache.writer_gone(now, writer, &mut self.events);
+        self.cache.writer_unknown(now, writer, &mut self.events);
     }
 
     /// Whether a writer is matched.
     pub fn is_matched(&self, writer: Guid) -> bool {
         self.proxies.get(writer).is_some()
+    }
+
+    /// Whether samples wait for room, which taking others makes.
+    pub fn is_blocked(&self) -> bool {
+        !self.blocked.is_empty()
     }
 
     /// The matched writers, in no particular order.
@@ -172,7 +199,7 @@ impl Reader {
             sequence: data.sequence,
             timestamp,
             reception: now,
-            inline_qos: data.inline_qos,
+            inline_qos: &data.inline_qos,
             kind: data.kind,
         };
         self.receive(place, &arrival, Payload::Borrowed(data.payload), None);
@@ -195,8 +222,7 @@ impl Reader {
         }
         if data.sample_size as usize > self.config.max_sample_size {
             // Waiting for it would hold up all that follows.
-            proxy.skip(data.sequence, &mut self.cache, &mut self.events);
-            self.events.lost(writer, 1);
+            proxy.lose(data.sequence, &mut self.cache, &mut self.events);
             return;
         }
         proxy.note_size(data.sample_size as usize);
@@ -213,7 +239,7 @@ impl Reader {
             sequence: data.sequence,
             timestamp: assembled.timestamp,
             reception: now,
-            inline_qos: assembled.inline_qos,
+            inline_qos: &assembled.inline_qos,
             kind: assembled.kind,
         };
         let payload = Payload::Owned(assembled.payload);
@@ -299,7 +325,8 @@ impl Reader {
         }
     }
 
-    /// Does what is due but needs no datagram: leases and deadlines.
+    /// Does what is due but needs no datagram: leases, deadlines, and what becomes of samples as time passes. Samples
+    /// are up to date after that, so it comes before they are read or taken.
     pub fn handle_timeout(&mut self, now: Instant) {
         while let Some(writer) = self.watch.pop(now) {
             let Some(proxy) = self.proxies.get_mut(writer) else {
@@ -312,7 +339,11 @@ impl Reader {
                 self.cache.writer_gone(now, writer, &mut self.events);
             }
         }
-        self.cache.check_deadlines(now, &mut self.events);
+        self.cache.handle_timeout(now, &mut self.events);
+        if !self.blocked.is_empty() {
+            self.now = Some(now);
+            self.release();
+        }
     }
 
     /// When to call [`handle_timeout`](Self::handle_timeout) and [`poll_transmit`](Self::poll_transmit) at the
@@ -321,7 +352,7 @@ impl Reader {
         [
             self.messages.next(),
             self.watch.next(),
-            self.cache.next_deadline(),
+            self.cache.poll_timeout(),
         ]
         .into_iter()
         .flatten()
@@ -343,7 +374,10 @@ impl Reader {
                 self.messages.set((writer, message), at);
             }
             if sent && let Some(destinations) = proxy.destinations.clone() {
-                return Some(Transmit { destinations });
+                return Some(Transmit {
+                    destinations,
+                    dscp: 0,
+                });
             }
             out.truncate(start);
         }
@@ -353,49 +387,6 @@ impl Reader {
     /// What has happened, oldest first but DATA_AVAILABLE before all.
     pub fn poll_event(&mut self) -> Option<ReaderEvent> {
         self.events.pop()
-    }
-
-    /// Takes up to `max` samples in the order of arrival; makes room for samples that could not be accepted.
-    pub fn take(&mut self, max: usize, selection: &Selection) -> Vec<Sample> {
-        let samples = self.cache.collect(max, selection, Access::Take);
-        if !samples.is_empty() && !self.blocked.is_empty() {
-            self.release();
-        }
-        samples
-    }
-
-    /// Takes the first sample of a selection in the order of arrival, as [`take`](Self::take) does.
-    pub fn take_next(&mut self, selection: &Selection) -> Option<Sample> {
-        let sample = self.cache.take_next(selection);
-        if sample.is_some() && !self.blocked.is_empty() {
-            self.release();
-        }
-        sample
-    }
-
-    /// Reads up to `max` samples, which stay.
-    pub fn read(&mut self, max: usize, selection: &Selection) -> Vec<Sample> {
-        self.cache.collect(max, selection, Access::Read)
-    }
-
-    /// Whether there is a sample that has not been read.
-    pub fn has_data(&self) -> bool {
-        self.cache.unread_count > 0
-    }
-
-    /// Whether there is a sample that `selection` selects.
-    pub fn has_matching(&self, selection: &Selection) -> bool {
-        self.cache.has_matching(selection)
-    }
-
-    /// How many samples there are, read or not.
-    pub fn len(&self) -> usize {
-        self.cache.entries.len()
-    }
-
-    /// Whether there is no sample.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
     }
 
     /// Goes on with a writer, matched just now, where an earlier run of this reader stopped: at change `next`,
@@ -416,6 +407,20 @@ impl Reader {
         self.proxies.get(writer).map(WriterProxy::next)
     }
 
+    /// Whether all has come that a matched writer had to repeat for this reader, as its first HEARTBEAT since the match
+    /// says; so has what nobody keeps for those that come late.
+    pub fn has_history_of(&self, writer: Guid) -> bool {
+        let proxy = self.proxies.get(writer);
+        proxy.is_some_and(WriterProxy::has_history)
+    }
+
+    /// Whether all history has come of all writers that are matched now (`wait_for_historical_data`).
+    pub fn is_history_complete(&self) -> bool {
+        self.proxies
+            .keys()
+            .all(|writer| self.has_history_of(writer))
+    }
+
     /// Something has come from a writer; returns the place of its proxy.
     fn heard(&mut self, now: Instant, writer: Guid, sign: Sign) -> Option<u32> {
         let place = self.proxies.find(writer)?;
@@ -431,7 +436,7 @@ impl Reader {
     fn receive(
         &mut self,
         place: u32,
-        arrival: &Arrival,
+        arrival: &Arrival<'_>,
         payload: Payload<'_>,
         asked: Option<Instant>,
     ) {

@@ -29,6 +29,9 @@ pub struct SampleInfo {
     pub writer: Guid,
     /// The writer's number for it.
     pub sequence: SequenceNumber,
+    /// Its number among all changes of its publisher, where both ends have asked for coherent or ordered access and
+    /// the publisher's scope is GROUP.
+    pub group_sequence: Option<SequenceNumber>,
     /// When it was written, where the writer says so.
     pub source_timestamp: Option<Timestamp>,
     /// When it arrived.

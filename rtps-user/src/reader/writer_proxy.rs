@@ -4,16 +4,17 @@
 //! that are dealt with or held; what is missing lies between. Changes reach the cache in order. When the cache
 //! has no room, `next` stays where it is, so that the writer is not told of the change and waits in its turn.
 
-use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Instant;
 
 use super::acknack::Responder;
 use super::cache::Cache;
-use super::change::{Arrival, Change, Meaning, Payload};
+use super::change::{Arrival, Change, Meaning, Payload, Terms};
+use super::coherent::{self, CoherentSets};
 use super::events::Events;
 use super::heartbeat_filter::{HeartbeatFilter, MARGIN};
+use super::held::Held;
 use super::liveliness::Lease;
 use super::ranges::Ranges;
 use super::reassembly::Reassembly;
@@ -24,10 +25,6 @@ use crate::wire::{Gap, Guid, Heartbeat, SequenceNumber, SequenceNumberSet};
 
 /// What the GUID prefixes of Fast DDS begin with: its vendor id, as RTPS 2.5 section 9.3.1.5 asks for.
 const FAST_DDS: [u8; 2] = [0x01, 0x0f];
-/// Changes held because one before them is missing, or because the cache is full.
-const MAX_HELD: usize = 1 << 16;
-/// What a change that is held takes beside its payload.
-const HELD_OVERHEAD: usize = 256;
 /// Ranges of numbers that are dealt with beyond missing ones.
 const MAX_RANGES: usize = 4096;
 
@@ -37,10 +34,17 @@ pub(super) struct WriterProxy {
     /// Where its answers go.
     pub(super) destinations: Option<Arc<[SocketAddr]>>,
     pub(super) lease: Lease,
+    terms: Terms,
     pub(super) reassembly: Reassembly,
     pub(super) responder: Responder,
     pub(super) filter: HeartbeatFilter,
+    /// Where the reader has asked for coherent access.
+    pub(super) sets: Option<Box<CoherentSets>>,
     reliable: bool,
+    /// The writer keeps history for this reader.
+    has_past: bool,
+    /// The highest number of the first HEARTBEAT: where that history ends.
+    past: SequenceNumber,
     /// The reader is VOLATILE and the writer keeps history for readers that are not.
     skips_history: bool,
     next: SequenceNumber,
@@ -59,22 +63,32 @@ pub(super) struct WriterProxy {
     /// Bytes of the last change that came, which tell what those will have that are missing.
     change_size: usize,
     done: Ranges,
-    held: BTreeMap<SequenceNumber, Change>,
-    held_bytes: usize,
-    max_held_bytes: usize,
+    held: Held,
 }
 
 impl WriterProxy {
     pub(super) fn new(now: Instant, config: &ReaderConfig, remote: &RemoteEndpoint) -> Self {
         let reliable = config.qos.reliability.is_reliable() && remote.qos.reliability.is_reliable();
+        let presentation = config.qos.presentation;
         Self {
             guid: remote.guid,
             destinations: destinations(remote),
             lease: Lease::new(now, remote.qos.liveliness),
+            terms: Terms {
+                lifespan: remote.qos.lifespan.0.to_std(),
+                presents: presentation.coherent || presentation.ordered,
+            },
             reassembly: Reassembly::new(config.max_sample_size, reliable),
             responder: Responder::default(),
             filter: HeartbeatFilter::default(),
+            sets: presentation
+                .coherent
+                .then(|| Box::new(CoherentSets::new(remote))),
             reliable,
+            has_past: reliable
+                && config.qos.durability != Durability::Volatile
+                && remote.qos.durability != Durability::Volatile,
+            past: SequenceNumber::ZERO,
             skips_history: config.qos.durability == Durability::Volatile
                 && remote.qos.durability != Durability::Volatile,
             next: SequenceNumber(1),
@@ -86,9 +100,7 @@ impl WriterProxy {
             blocked: false,
             change_size: 0,
             done: Ranges::default(),
-            held: BTreeMap::new(),
-            held_bytes: 0,
-            max_held_bytes: config.max_sample_size.saturating_mul(2),
+            held: Held::new(config.max_sample_size),
         }
     }
 
@@ -96,6 +108,7 @@ impl WriterProxy {
     pub(super) fn update(&mut self, remote: &RemoteEndpoint) {
         self.destinations = destinations(remote);
         self.lease.update(remote.qos.liveliness);
+        self.terms.lifespan = remote.qos.lifespan.0.to_std();
     }
 
     /// Goes on at `next`, with ACKNACKs counted from `count`; 1 or less is no progress to go on from.
@@ -120,6 +133,11 @@ impl WriterProxy {
         self.heard
     }
 
+    /// Whether all has come that the writer had to repeat.
+    pub(super) fn has_history(&self) -> bool {
+        !self.has_past || (self.heard && self.next > self.past)
+    }
+
     /// The number below which all is dealt with.
     pub(super) fn next(&self) -> SequenceNumber {
         self.next
@@ -131,9 +149,7 @@ impl WriterProxy {
 
     /// The newest change that is held.
     pub(super) fn newest_held(&self) -> SequenceNumber {
-        self.held
-            .last_key_value()
-            .map_or(SequenceNumber::ZERO, |(sequence, _)| *sequence)
+        self.held.newest().unwrap_or(SequenceNumber::ZERO)
     }
 
     /// How many changes are held.
@@ -187,9 +203,7 @@ impl WriterProxy {
         if self.done.contains(sequence.0) {
             return false;
         }
-        let has_room = self.held.len() < MAX_HELD
-            && self.held_bytes.saturating_add(bytes) <= self.max_held_bytes
-            && self.done.len() < MAX_RANGES;
+        let has_room = self.held.has_room(bytes) && self.done.len() < MAX_RANGES;
         let is_near = !self.started || sequence <= self.highest.plus(MARGIN);
         sequence == self.next || (has_room && is_near)
     }
@@ -198,7 +212,7 @@ impl WriterProxy {
     pub(super) fn receive(
         &mut self,
         config: &ReaderConfig,
-        arrival: &Arrival,
+        arrival: &Arrival<'_>,
         payload: Payload<'_>,
         cache: &mut Cache,
         events: &mut Events,
@@ -206,33 +220,49 @@ impl WriterProxy {
         self.note_size(payload.as_slice().len());
         match arrival.meaning(config, payload.as_slice()) {
             Meaning::Update(instance) => {
-                let change = arrival.to_change(instance, payload.into_bytes());
+                let change = arrival.to_change(instance, payload.into_bytes(), &self.terms);
                 self.accept(change, cache, events);
             }
-            Meaning::Irrelevant => self.skip(arrival.sequence, cache, events),
-            Meaning::Malformed => {
-                self.skip(arrival.sequence, cache, events);
-                events.lost(self.guid, 1);
+            // It may say that a set has ended, in its turn.
+            Meaning::Irrelevant if self.sets.is_some() => {
+                self.accept(arrival.to_void(&self.terms), cache, events);
             }
+            Meaning::Irrelevant => self.skip(arrival.sequence, cache, events),
+            Meaning::Malformed => self.lose(arrival.sequence, cache, events),
         }
+    }
+
+    /// Deals with a change that has come, but cannot be taken in.
+    pub(super) fn lose(
+        &mut self,
+        sequence: SequenceNumber,
+        cache: &mut Cache,
+        events: &mut Events,
+    ) {
+        self.skip(sequence, cache, events);
+        events.lost(self.guid, 1);
+        self.break_sets(sequence.next(), cache, events);
     }
 
     fn accept(&mut self, change: Change, cache: &mut Cache, events: &mut Events) {
         let sequence = change.sequence;
         self.drop_partials_to(sequence);
         if !self.reliable {
-            self.pass(sequence, events);
-            match cache.admit(&change) {
-                Ok(place) => cache.store(place, change, events),
-                Err(reason) => events.rejected(self.guid, change.instance, reason),
+            self.pass(sequence, cache, events);
+            match coherent::admit(&mut self.sets, &change, cache, events) {
+                Ok(place) => coherent::store(&mut self.sets, place, change, cache, events),
+                Err(reason) => {
+                    events.rejected(self.guid, change.instance, reason);
+                    self.break_sets(sequence.next(), cache, events);
+                }
             }
             return;
         }
         self.highest = self.highest.max(sequence);
         if sequence == self.next {
-            match cache.admit(&change) {
+            match coherent::admit(&mut self.sets, &change, cache, events) {
                 Ok(place) => {
-                    cache.store(place, change, events);
+                    coherent::store(&mut self.sets, place, change, cache, events);
                     self.next = sequence.next();
                     self.advance(cache, events);
                     return;
@@ -256,7 +286,7 @@ impl WriterProxy {
             self.done.insert(sequence.0..sequence.next().0);
             self.advance(cache, events);
         } else {
-            self.pass(sequence, events);
+            self.pass(sequence, cache, events);
         }
     }
 
@@ -277,10 +307,15 @@ impl WriterProxy {
         } else {
             SequenceNumber(i64::MAX)
         };
-        self.told |= !self.started;
+        let is_start = !self.started;
+        self.told |= is_start;
         self.irrelevant(gap.start, gap.list.base.min(believed));
         for number in gap.list.iter().filter(|number| *number < believed) {
             self.irrelevant(number, number.next());
+        }
+        if is_start && !self.has_past {
+            // Before what has come already gets its turn: the sets that begin here are whole.
+            self.break_sets(gap.list.base.min(believed), cache, events);
         }
         self.advance(cache, events);
     }
@@ -313,17 +348,25 @@ impl WriterProxy {
         cache: &mut Cache,
         events: &mut Events,
     ) -> bool {
-        self.heard = true;
+        if !std::mem::replace(&mut self.heard, true) {
+            self.past = heartbeat.last;
+        }
         if !self.started {
-            self.start(heartbeat);
+            self.start(heartbeat, cache, events);
         } else if !self.filter.is_believable(heartbeat, self.highest) {
             return true;
+        }
+        if let Some(sets) = &mut self.sets {
+            sets.note_group(heartbeat.group.as_ref());
         }
         self.highest = self.highest.max(heartbeat.last);
         self.announced = self.announced.max(heartbeat.last);
         if heartbeat.first > self.next {
             let lost = self.done.insert(self.next.0..heartbeat.first.0);
-            events.lost(self.guid, lost);
+            if lost > 0 {
+                events.lost(self.guid, lost);
+                self.break_sets(heartbeat.first, cache, events);
+            }
             self.reassembly
                 .remove(SequenceNumber::ZERO..=heartbeat.first.previous());
         }
@@ -337,14 +380,17 @@ impl WriterProxy {
     /// The first HEARTBEAT tells where the stream begins. A VOLATILE reader has no use for what a writer keeps
     /// for others, and not every writer says in a GAP where the new begins: then it begins with the first change
     /// that has come since the match, or after all that there is.
-    fn start(&mut self, heartbeat: &Heartbeat) {
+    fn start(&mut self, heartbeat: &Heartbeat, cache: &mut Cache, events: &mut Events) {
         self.started = true;
         let start = if self.skips_history && !self.told && self.next == SequenceNumber(1) {
-            let first_held = self.held.first_key_value().map(|(sequence, _)| *sequence);
+            let first_held = self.held.first().map(|change| change.sequence);
             first_held.unwrap_or_else(|| heartbeat.last.next())
         } else {
             heartbeat.first
         };
+        if !self.has_past {
+            self.break_sets(start, cache, events);
+        }
         if start > self.next {
             self.done.insert(self.next.0..start.0);
             self.reassembly
@@ -372,20 +418,17 @@ impl WriterProxy {
         }
         let before = self.next;
         let end = SequenceNumber(self.done.first_missing(self.next.0));
-        while let Some(first) = self.held.first_entry()
-            && *first.key() < end
-        {
-            match cache.admit(first.get()) {
+        while let Some(first) = self.held.first().filter(|first| first.sequence < end) {
+            match coherent::admit(&mut self.sets, first, cache, events) {
                 Ok(place) => {
-                    let change = first.remove();
-                    self.held_bytes -= change.payload.len() + HELD_OVERHEAD;
-                    cache.store(place, change, events);
+                    if let Some(change) = self.held.pop_first() {
+                        coherent::store(&mut self.sets, place, change, cache, events);
+                    }
                 }
                 Err(reason) => {
-                    self.next = *first.key();
-                    let (writer, instance) = (self.guid, first.get().instance);
+                    self.next = first.sequence;
                     if !std::mem::replace(&mut self.blocked, true) {
-                        events.rejected(writer, instance, reason);
+                        events.rejected(self.guid, first.instance, reason);
                     }
                     return self.next > before;
                 }
@@ -406,14 +449,17 @@ impl WriterProxy {
     fn hold(&mut self, change: Change) {
         self.done
             .insert(change.sequence.0..change.sequence.next().0);
-        self.held_bytes += change.payload.len() + HELD_OVERHEAD;
-        self.held.insert(change.sequence, change);
+        self.held.insert(change);
     }
 
     /// Best effort: moves on behind `sequence`; what has not come before it is lost.
-    fn pass(&mut self, sequence: SequenceNumber, events: &mut Events) {
-        if std::mem::replace(&mut self.started, true) {
+    fn pass(&mut self, sequence: SequenceNumber, cache: &mut Cache, events: &mut Events) {
+        let is_first = !std::mem::replace(&mut self.started, true);
+        if !is_first {
             events.lost(self.guid, sequence.0.abs_diff(self.next.0));
+        }
+        if sequence != self.next {
+            self.break_sets(sequence, cache, events);
         }
         self.next = sequence.next();
         self.highest = sequence;

@@ -74,6 +74,16 @@ impl<'a> Cursor<'a> {
         Ok(taken)
     }
 
+    /// This cursor, with no more than `count` further bytes to read.
+    pub fn limited(&self, count: usize) -> Result<Self, WireError> {
+        let end = self
+            .position
+            .checked_add(count)
+            .ok_or(WireError::UnexpectedEnd)?;
+        let bytes = self.bytes.get(..end).ok_or(WireError::UnexpectedEnd)?;
+        Ok(Self { bytes, ..*self })
+    }
+
     /// The next `N` bytes as an array.
     #[inline]
     pub fn array<const N: usize>(&mut self) -> Result<[u8; N], WireError> {

@@ -1,6 +1,7 @@
 //! Who is who: GUID prefix, entity id, vendor id (RTPS 2.5 sections 8.2.4 and 9.3.1).
 
 use std::fmt;
+use std::hash::{Hash, Hasher};
 
 use serde::{Deserialize, Serialize};
 
@@ -18,10 +19,15 @@ impl GuidPrefix {
 /// Which entity of a participant: a key of 3 bytes and a kind (RTPS 9.3.1.2).
 ///
 /// For entities of apps the first byte of the key is the app's slot, by which the low-level layer routes.
-#[derive(
-    Clone, Copy, Debug, Default, Deserialize, Eq, Hash, Ord, PartialEq, PartialOrd, Serialize,
-)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, Ord, PartialEq, PartialOrd, Serialize)]
 pub struct EntityId(pub [u8; 4]);
+
+/// One word, for hashers to deal with at once.
+impl Hash for EntityId {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        state.write_u32(u32::from_ne_bytes(self.0));
+    }
+}
 
 /// The kind of an entity that an app can create: the last byte of its [`EntityId`] (RTPS table 9.1).
 #[derive(Clone, Copy, Debug, Deserialize, Eq, Hash, PartialEq, Serialize)]
@@ -69,6 +75,15 @@ impl EntityId {
     /// BuiltinParticipantMessageReader.
     pub const PARTICIPANT_MESSAGE_READER: Self = Self([0, 2, 0, 0xc7]);
 
+    /// TypeLookupServiceRequestDataWriter.
+    pub const TYPE_LOOKUP_REQUEST_WRITER: Self = Self([0, 3, 0, 0xc3]);
+    /// TypeLookupServiceRequestDataReader.
+    pub const TYPE_LOOKUP_REQUEST_READER: Self = Self([0, 3, 0, 0xc4]);
+    /// TypeLookupServiceReplyDataWriter.
+    pub const TYPE_LOOKUP_REPLY_WRITER: Self = Self([0, 3, 1, 0xc3]);
+    /// TypeLookupServiceReplyDataReader.
+    pub const TYPE_LOOKUP_REPLY_READER: Self = Self([0, 3, 1, 0xc4]);
+
     /// The `serial`-th entity of the app in `slot`.
     pub fn of_app(slot: u8, serial: u16, kind: EntityKind) -> Self {
         let [high, low] = serial.to_be_bytes();
@@ -102,14 +117,22 @@ impl EntityId {
 }
 
 /// A globally unique entity name: the participant and one of its entities.
-#[derive(
-    Clone, Copy, Debug, Default, Deserialize, Eq, Hash, Ord, PartialEq, PartialOrd, Serialize,
-)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, Ord, PartialEq, PartialOrd, Serialize)]
 pub struct Guid {
     /// The participant.
     pub prefix: GuidPrefix,
     /// The entity in it.
     pub entity: EntityId,
+}
+
+/// All 16 bytes at once.
+impl Hash for Guid {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        let mut bytes = [0; 16];
+        bytes[..12].copy_from_slice(&self.prefix.0);
+        bytes[12..].copy_from_slice(&self.entity.0);
+        state.write_u128(u128::from_ne_bytes(bytes));
+    }
 }
 
 impl Guid {

@@ -12,8 +12,18 @@ impl ParameterId {
     pub const PAD: Self = Self(0x0000);
     /// Ends a list.
     pub const SENTINEL: Self = Self(0x0001);
+    /// PID_TOPIC_NAME.
+    pub const TOPIC_NAME: Self = Self(0x0005);
+    /// PID_LIFESPAN.
+    pub const LIFESPAN: Self = Self(0x002b);
     /// PID_COHERENT_SET.
     pub const COHERENT_SET: Self = Self(0x0056);
+    /// PID_GROUP_COHERENT_SET.
+    pub const GROUP_COHERENT_SET: Self = Self(0x0063);
+    /// PID_GROUP_SEQ_NUM.
+    pub const GROUP_SEQ_NUM: Self = Self(0x0064);
+    /// PID_WRITER_GROUP_INFO.
+    pub const WRITER_GROUP_INFO: Self = Self(0x0065);
     /// PID_KEY_HASH.
     pub const KEY_HASH: Self = Self(0x0070);
     /// PID_STATUS_INFO.

@@ -13,6 +13,8 @@ pub struct MessageWriter<'a> {
     out: &'a mut Vec<u8>,
     /// Where the message begins in the buffer.
     start: usize,
+    /// Inline QoS of each DATA and DATA_FRAG beside their own, without sentinel.
+    parameters: &'a [u8],
 }
 
 /// Fragments of a change, to be cut out of the whole payload.
@@ -41,12 +43,26 @@ impl<'a> MessageWriter<'a> {
     pub fn new(out: &'a mut Vec<u8>, prefix: GuidPrefix) -> Self {
         let start = out.len();
         Header::encode(prefix, out);
-        Self { out, start }
+        Self {
+            out,
+            start,
+            parameters: &[],
+        }
     }
 
     /// Goes on with the message that begins at the start of `out`.
     pub fn resume(out: &'a mut Vec<u8>) -> Self {
-        Self { out, start: 0 }
+        Self {
+            out,
+            start: 0,
+            parameters: &[],
+        }
+    }
+
+    /// With parameters, written already and without sentinel, for the inline QoS of each DATA and DATA_FRAG.
+    #[must_use]
+    pub fn with_parameters(self, parameters: &'a [u8]) -> Self {
+        Self { parameters, ..self }
     }
 
     /// Bytes of the message so far.
@@ -78,7 +94,9 @@ impl<'a> MessageWriter<'a> {
 
     /// DATA.
     pub fn data(&mut self, data: &Data<'_>) {
-        self.submessage(SubmessageKind::DATA, data.flags(), |out| data.encode(out));
+        let more = self.parameters;
+        let flags = data.flags(!more.is_empty());
+        self.submessage(SubmessageKind::DATA, flags, |out| data.encode(more, out));
     }
 
     /// DATA_FRAG with one fragment; nothing where the sample has no such fragment.
@@ -109,8 +127,10 @@ impl<'a> MessageWriter<'a> {
             kind: fragment.kind,
             payload,
         };
-        self.submessage(SubmessageKind::DATA_FRAG, data.flags(), |out| {
-            data.encode(out)
+        let more = self.parameters;
+        let flags = data.flags(!more.is_empty());
+        self.submessage(SubmessageKind::DATA_FRAG, flags, |out| {
+            data.encode(more, out)
         });
     }
 
@@ -163,8 +183,8 @@ impl<'a> MessageWriter<'a> {
 mod tests {
     use super::*;
     use crate::wire::{
-        FragmentNumberSet, KeyHash, MessageReceiver, Received, SequenceNumberSet, StatusInfo,
-        Submessage, WireError,
+        Duration, FragmentNumberSet, GroupDigest, HeartbeatGroup, KeyHash, MessageReceiver,
+        Received, SequenceNumberSet, StatusInfo, Submessage, WireError,
     };
 
     const OURS: GuidPrefix = GuidPrefix([1; 12]);
@@ -187,6 +207,10 @@ mod tests {
                 key_hash,
                 status,
                 coherent_set: Some(SEQUENCE),
+                group_sequence: Some(SEQUENCE.next()),
+                group_coherent_set: Some(SequenceNumber::UNKNOWN),
+                writer_group: Some(GroupDigest([1, 2, 3, 4])),
+                lifespan: Some(Duration::INFINITE),
             },
             kind: PayloadKind::Key,
             payload: &[0, 1, 0, 0, 1, 2, 3, 4],
@@ -206,6 +230,13 @@ mod tests {
                 count: 3,
                 is_final: true,
                 liveliness: true,
+                group: Some(HeartbeatGroup {
+                    current: SequenceNumber(9),
+                    first: SequenceNumber(3),
+                    last: SequenceNumber(7),
+                    writers: GroupDigest([5, 6, 7, 8]),
+                    secure_writers: GroupDigest::default(),
+                }),
             }),
             Submessage::AckNack(AckNack {
                 reader: READER,

@@ -6,7 +6,7 @@ use thiserror::Error;
 
 use crate::CountClock;
 use crate::qos::Qos;
-use crate::wire::Guid;
+use crate::wire::{Guid, KeyHash};
 
 /// What a writer is made with.
 #[derive(Clone, Debug)]
@@ -91,6 +91,11 @@ pub enum WriterEvent {
     /// Readers have acknowledged more: there is room in the history, or whoever waits for acknowledgements may
     /// look again.
     Acknowledged,
+    /// OFFERED_DEADLINE_MISSED: an instance was not written in time.
+    DeadlineMissed {
+        /// The instance.
+        instance: KeyHash,
+    },
     /// The lease of a MANUAL liveliness passed without an assertion.
     LivelinessLost,
 }

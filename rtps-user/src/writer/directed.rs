@@ -72,6 +72,7 @@ impl Writer {
                 }
             }
         }
+        self.handle_selected_sent();
         None
     }
 
@@ -80,14 +81,16 @@ impl Writer {
     pub(super) fn heartbeat(&self, start: SequenceNumber) -> Heartbeat {
         let end = self.live.end();
         let first = self.history.first().map_or(end, |first| first.min(end));
+        let first = first.max(start).min(end);
         Heartbeat {
             reader: EntityId::UNKNOWN,
             writer: EntityId::UNKNOWN,
-            first: first.max(start).min(end),
+            first,
             last: end.previous(),
             count: 0,
             is_final: false,
             liveliness: false,
+            group: self.heartbeat_group(first),
         }
     }
 
@@ -119,8 +122,9 @@ impl Writer {
             history: &self.history,
             start: proxy.start(),
             end: self.live.end(),
+            interest: &proxy.interest,
         };
-        let layout = self.layout;
+        let layout = self.layout.clone();
         let mut packet = Packet::directed(out, &layout, reader);
         let timing = &self.config.timing;
         let is_filled = proxy.outbox.fill(now, &source, timing, &mut packet);
@@ -141,6 +145,9 @@ impl Writer {
             return None;
         }
         let destinations = self.readers.get(&reader)?.address().clone();
-        Some(Transmit { destinations })
+        Some(Transmit {
+            destinations,
+            dscp: self.dscp,
+        })
     }
 }

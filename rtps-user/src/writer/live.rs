@@ -43,6 +43,11 @@ impl Live {
         }
     }
 
+    /// Whether a part of the next change has been sent.
+    pub(super) fn is_in_change(&self) -> bool {
+        self.position.fragment > 1
+    }
+
     /// The change in the middle of which the stream is, and the last of its fragments that has been sent, when it is
     /// time to tell reliable readers: after so many fragments, or because they are waited for.
     fn fragments_to_announce(
@@ -105,7 +110,10 @@ impl Writer {
             self.skip_live();
             return None;
         }
-        let layout = self.layout;
+        if let Some(transmit) = self.poll_selected(now, out) {
+            return Some(transmit);
+        }
+        let layout = self.layout.clone();
         let mut packet = Packet::undirected(out, &layout);
         // While there is more to send, a HEARTBEAT is a datagram of its own, so that those around it stay equally long.
         let is_owed = self.heartbeats.is_due();
@@ -127,6 +135,7 @@ impl Writer {
         self.release();
         is_sent.then(|| Transmit {
             destinations: self.destinations.clone(),
+            dscp: self.dscp,
         })
     }
 
@@ -161,9 +170,8 @@ impl Writer {
         let is_reliable = self.has_reliable_readers();
         let mut sent = Sent::default();
         let mut ends_with_fragment = false;
-        while self.live.end() <= self.last {
-            let is_within_change = self.live.position.fragment > 1;
-            if is_within_change && !self.admits_fragment(now) {
+        while self.live.end() <= self.last && !self.is_selected_next() {
+            if self.live.is_in_change() && !self.admits_fragment(now) {
                 break;
             }
             let next = self.history.next_from(self.live.end());
@@ -181,10 +189,15 @@ impl Writer {
             sent.weight += change.weight();
             ends_with_fragment = self.layout.is_fragmented(change.payload.len());
         }
-        if is_reliable && sent.changes > 0 {
+        self.count_sent(now, sent, ends_with_fragment);
+    }
+
+    /// Notes what has been sent to readers, of which the last change was `fragmented` or not.
+    pub(super) fn count_sent(&mut self, now: Instant, mut sent: Sent, fragmented: bool) {
+        if self.has_reliable_readers() && sent.changes > 0 {
             let is_drained = self.live.end() > self.last;
             sent.flushes = u32::from(is_drained);
-            self.handle_sent(now, sent, is_drained && ends_with_fragment);
+            self.handle_sent(now, sent, is_drained && fragmented);
         }
     }
 

@@ -4,48 +4,61 @@
 //! and to no reader in particular (`live.rs`). What only one reader needs, repairs above all, goes to that reader
 //! alone (`directed.rs`), unless others wait for the same (`shared.rs`). HEARTBEATs travel with all of them.
 
+mod coherent;
 mod config;
 mod count;
 mod directed;
 mod fragment_window;
+mod group;
 mod heartbeat;
+mod interest;
+mod lifespan;
 mod live;
 mod liveliness;
+mod matching;
 mod outbox;
 mod packet;
 mod position;
 mod publication;
 mod reader_proxy;
+mod registry;
 mod requests;
 mod retention;
+mod selection;
 mod shared;
 mod suppression;
 #[cfg(test)]
 mod tests;
 mod window;
 
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeMap, VecDeque};
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Instant;
 
 pub use config::{WriteError, WriterConfig, WriterEvent, WriterTiming};
+pub use group::Group;
+pub use packet::FRAGMENT_OVERHEAD;
 pub use publication::Publication;
 
+use coherent::CoherentSets;
 use fragment_window::FragmentWindow;
 use heartbeat::Heartbeats;
+use lifespan::Expiry;
 use live::Live;
 use liveliness::Lease;
 use packet::{Layout, Packet};
 use position::Position;
 use publication::Publisher;
 use reader_proxy::{Base, ReaderProxy};
+use registry::Registry;
+use selection::Selection;
 use window::Window;
 
+use crate::Transmit;
 use crate::history::{HistoryCache, NewChange};
-use crate::qos::{Durability, LivelinessKind, Qos};
-use crate::wire::{AckNack, Guid, NackFrag, SequenceNumber};
-use crate::{RemoteEndpoint, Transmit};
+use crate::qos::{LivelinessKind, Qos};
+use crate::wire::{AckNack, Guid, KeyHash, NackFrag, SequenceNumber};
 
 /// A writer, its history and its proxies of matched readers.
 #[derive(Debug)]
@@ -56,6 +69,8 @@ pub struct Writer {
     last: SequenceNumber,
     live: Live,
     readers: BTreeMap<Guid, ReaderProxy>,
+    /// What its datagrams are marked with.
+    dscp: u8,
     /// The addresses of all readers, each once.
     destinations: Arc<[SocketAddr]>,
     /// What all reliable readers have acknowledged; `None` without any.
@@ -65,6 +80,10 @@ pub struct Writer {
     /// Changes from here on count in the window; `None` without reliable readers.
     window_base: Option<SequenceNumber>,
     heartbeats: Heartbeats,
+    sets: CoherentSets,
+    selection: Selection,
+    expiry: Expiry,
+    registry: Option<Box<Registry>>,
     lease: Lease,
     /// Readers that are to be sent something of their own.
     queue: VecDeque<Guid>,
@@ -75,6 +94,8 @@ pub struct Writer {
     /// Unregistrations whose instances are still in the history.
     unregistered: VecDeque<SequenceNumber>,
     events: Events,
+    /// Instances of which a deadline has passed.
+    missed: VecDeque<KeyHash>,
     /// Where another answers readers as well.
     publisher: Option<Publisher>,
 }
@@ -90,25 +111,31 @@ impl Writer {
     /// A writer without readers.
     pub fn new(config: WriterConfig) -> Self {
         Self {
-            layout: Layout::new(config.guid, config.datagram_size),
+            layout: Layout::new(config.guid, config.datagram_size, &config.qos),
             heartbeats: Heartbeats::new(config.timing.count_clock),
             window: Window::new(&config.timing),
             fragment_window: FragmentWindow::new(),
             window_base: None,
-            config,
             history: HistoryCache::default(),
             last: SequenceNumber::ZERO,
             live: Live::new(),
             readers: BTreeMap::new(),
+            dscp: dscp(config.qos.transport_priority),
             destinations: Arc::new([]),
             lowest_acknowledged: None,
+            sets: CoherentSets::default(),
+            selection: Selection::default(),
+            expiry: Expiry::new(config.qos.lifespan.0.to_std()),
+            registry: Registry::new(&config.qos),
             lease: Lease::default(),
             queue: VecDeque::new(),
             may_share: false,
             next_answer: None,
             unregistered: VecDeque::new(),
             events: Events::default(),
+            missed: VecDeque::new(),
             publisher: None,
+            config,
         }
     }
 
@@ -122,9 +149,17 @@ impl Writer {
         &self.config.qos
     }
 
-    /// Replaces its policies; those that DDS calls unchangeable must stay the same.
+    /// Replaces its policies; those that DDS calls unchangeable must stay the same. LIFESPAN and TRANSPORT_PRIORITY apply to
+    /// what is written and sent from now on.
     pub fn set_qos(&mut self, qos: Qos) {
+        self.expiry.set_lifespan(qos.lifespan.0.to_std());
+        match &mut self.registry {
+            Some(registry) => registry.set_period(qos.deadline.0.to_std()),
+            None => self.registry = Registry::new(&qos),
+        }
+        self.dscp = dscp(qos.transport_priority);
         self.config.qos = qos;
+        self.refresh_layout();
     }
 
     /// Goes on where an earlier run of the same writer stopped: with the sequence number `next`, and HEARTBEAT
@@ -141,18 +176,20 @@ impl Writer {
     /// # Errors
     /// Where the history has no room for it.
     pub fn write(&mut self, now: Instant, change: NewChange) -> Result<SequenceNumber, WriteError> {
-        self.make_room(&change)?;
-        self.last = self.last.next();
-        self.note_unregistration(change.kind, self.last);
-        if self.keeps_past() || !self.readers.is_empty() {
-            self.history.insert(self.last, change);
-        }
-        if self.readers.is_empty() {
-            self.live.skip_to(self.last.next());
-            self.release();
-        }
-        self.lease.renew(now, self.config.qos.liveliness);
-        Ok(self.last)
+        self.write_as_member(now, change, None)
+    }
+
+    /// As [`write`](Self::write) for a writer of a publisher, whose group it is.
+    ///
+    /// # Errors
+    /// Where the history has no room for it; the group stays as it was.
+    pub fn write_in_group(
+        &mut self,
+        now: Instant,
+        change: NewChange,
+        group: &mut Group,
+    ) -> Result<SequenceNumber, WriteError> {
+        self.write_as_member(now, change, Some(group))
     }
 
     /// Takes a change out of the history; reliable readers that lack it are told that it will not come.
@@ -175,27 +212,10 @@ impl Writer {
         self.acknowledged() >= sequence
     }
 
-    /// Begins to serve a reader, or takes in new locators of a reader that is served already.
-    pub fn match_reader(&mut self, now: Instant, remote: &RemoteEndpoint) {
-        match self.readers.get_mut(&remote.guid) {
-            Some(proxy) => proxy.update(remote),
-            None => self.add_reader(now, remote),
-        }
-        self.refresh_readers();
-    }
-
-    /// Forgets a reader; what only that one has not acknowledged need not be kept any more.
-    pub fn unmatch_reader(&mut self, reader: Guid) {
-        if self.readers.remove(&reader).is_some() {
-            self.queue.retain(|queued| *queued != reader);
-            self.refresh_readers();
-            self.handle_progress();
-        }
-    }
-
-    /// The matched readers.
-    pub fn matched_readers(&self) -> impl Iterator<Item = Guid> + '_ {
-        self.readers.keys().copied()
+    /// Whether a matched reader has acknowledged the changes up to this one; best-effort readers need not.
+    pub fn is_acknowledged_by(&self, reader: Guid, sequence: SequenceNumber) -> bool {
+        let proxy = self.readers.get(&reader);
+        proxy.is_some_and(|proxy| !proxy.is_reliable() || proxy.base().acknowledged >= sequence)
     }
 
     /// The app asserts that the writer is alive.
@@ -271,6 +291,13 @@ impl Writer {
         if self.heartbeats.expire(now) {
             self.remind_readers(now);
         }
+        if self.expiry.expire(now, &mut self.history) {
+            // There is room again.
+            self.events.acknowledged = true;
+        }
+        while let Some(instance) = self.next_missed(now) {
+            self.missed.push_back(instance);
+        }
         self.events.liveliness_lost |= self.lease.expire(now);
     }
 
@@ -280,6 +307,10 @@ impl Writer {
             self.next_answer,
             self.fragment_window.deadline(),
             self.heartbeats.deadline(),
+            self.expiry.deadline(),
+            self.registry
+                .as_ref()
+                .and_then(|registry| registry.deadline()),
             self.lease.deadline(),
         ];
         timers.into_iter().flatten().min()
@@ -302,28 +333,44 @@ impl Writer {
         if std::mem::take(&mut self.events.acknowledged) {
             return Some(WriterEvent::Acknowledged);
         }
+        if let Some(instance) = self.missed.pop_front() {
+            return Some(WriterEvent::DeadlineMissed { instance });
+        }
         std::mem::take(&mut self.events.liveliness_lost).then_some(WriterEvent::LivelinessLost)
     }
 
-    fn add_reader(&mut self, now: Instant, remote: &RemoteEndpoint) {
-        let is_reliable =
-            self.config.qos.reliability.is_reliable() && remote.qos.reliability.is_reliable();
-        let wants_past = self.keeps_past() && remote.qos.durability != Durability::Volatile;
-        let next = self.live.untouched();
-        let start = if wants_past { SequenceNumber(1) } else { next };
-        let mut proxy =
-            ReaderProxy::new(now, remote, is_reliable, start, next, &self.config.timing);
-        if is_reliable {
-            proxy.outbox.greet(start);
-        } else {
-            proxy.outbox.replay(start, next);
+    fn write_as_member(
+        &mut self,
+        now: Instant,
+        change: NewChange,
+        group: Option<&mut Group>,
+    ) -> Result<SequenceNumber, WriteError> {
+        self.make_room(&change)?;
+        let membership = self.next_membership(group);
+        self.last = self.last.next();
+        self.note_unregistration(change.kind, self.last);
+        if let Some(registry) = &mut self.registry {
+            registry.note(now, change.instance, change.kind);
         }
-        proxy.outbox.refill(self.repair_budget());
-        if proxy.lags_behind(self.live.end()) {
-            self.heartbeats.arm(proxy.next_heartbeat());
+        if self.keeps_past() || !self.readers.is_empty() {
+            self.history.insert_member(self.last, change, membership);
+            self.expiry.watch(now, self.last, &self.history);
         }
-        self.readers.insert(remote.guid, proxy);
-        self.enqueue(now, remote.guid);
+        self.skip_without_readers();
+        self.lease.renew(now, self.config.qos.liveliness);
+        Ok(self.last)
+    }
+
+    fn next_missed(&mut self, now: Instant) -> Option<KeyHash> {
+        self.registry.as_mut()?.poll_missed(now)
+    }
+
+    /// Without readers, what has been written counts as sent.
+    fn skip_without_readers(&mut self) {
+        if self.readers.is_empty() {
+            self.live.skip_to(self.last.next());
+            self.release();
+        }
     }
 
     /// HEARTBEATs for those that have not acknowledged what they were sent.
@@ -364,16 +411,6 @@ impl Writer {
         self.lowest_acknowledged.is_some()
     }
 
-    fn refresh_readers(&mut self) {
-        let addresses: BTreeSet<SocketAddr> = self
-            .readers
-            .values()
-            .flat_map(ReaderProxy::addresses)
-            .collect();
-        self.destinations = addresses.into_iter().collect();
-        self.refresh_acknowledged();
-    }
-
     fn refresh_acknowledged(&mut self) {
         let reliable = self.readers.values().filter(|proxy| proxy.is_reliable());
         let bases = reliable.map(ReaderProxy::base);
@@ -393,4 +430,10 @@ impl Writer {
         self.release();
         self.events.acknowledged = true;
     }
+}
+
+/// The DSCP of a TRANSPORT_PRIORITY (DDS 1.4 section 2.2.3.15): the same number, as far as there is one.
+fn dscp(priority: i32) -> u8 {
+    const MAX: i32 = 63;
+    priority.clamp(0, MAX) as u8
 }

@@ -1,8 +1,10 @@
 //! What is to be sent to one reader alone: what it asked for, and what it must know.
 
 use std::collections::VecDeque;
+use std::ops::Range;
 use std::time::{Duration, Instant};
 
+use super::interest::Interest;
 use super::requests::{ChangeRequest, FragmentRequest};
 use super::suppression::Suppression;
 use super::{Packet, Position, WriterTiming};
@@ -13,6 +15,7 @@ use crate::wire::{FragmentNumberSet, SequenceNumber, SequenceNumberSet};
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Source<'a> {
     pub(super) history: &'a HistoryCache,
+    pub(super) interest: &'a Interest,
     /// The first change that concerns the reader.
     pub(super) start: SequenceNumber,
     /// The first change that has not been sent to all readers yet.
@@ -20,15 +23,40 @@ pub(super) struct Source<'a> {
 }
 
 impl Source<'_> {
+    /// So many changes that the reader does not want are passed over at once.
+    const MAX_UNWANTED: usize = 256;
+
     /// Whether the change is there and concerns the reader.
     pub(super) fn has(&self, sequence: SequenceNumber) -> bool {
-        sequence >= self.start && self.history.get(sequence).is_some()
+        let change = self
+            .history
+            .get(sequence)
+            .filter(|_| sequence >= self.start);
+        change.is_some_and(|change| self.interest.wants(change))
+    }
+
+    /// From `sequence`, which is not there or unwanted, the end of those of which the same is known.
+    pub(super) fn end_of_gap(&self, sequence: SequenceNumber) -> SequenceNumber {
+        let mut end = sequence.max(self.start);
+        for _ in 0..Self::MAX_UNWANTED {
+            let Some((next, change)) = self.history.next_from(end).filter(|(n, _)| *n < self.end)
+            else {
+                return self.end;
+            };
+            if self.interest.wants(change) {
+                return next;
+            }
+            end = next.next();
+        }
+        end
     }
 }
 
 /// The things to be sent to one reader, in the order of their fields; but fragments of a change go before later changes.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Outbox {
+    /// What it gets instead of what goes to all. That waits for nothing.
+    selected: VecDeque<Selected>,
     /// A GAP from 1 to below the first change that concerns the reader.
     gap_to_start: bool,
     changes: Option<ChangeRequest>,
@@ -44,6 +72,14 @@ pub(super) struct Outbox {
     suppressed_fragments: Suppression,
 }
 
+/// A part of what is written, as one reader wants it.
+#[derive(Clone, Debug)]
+enum Selected {
+    Change(Position),
+    /// Not what is in this range.
+    Gap(Range<SequenceNumber>),
+}
+
 impl Outbox {
     /// So many sets of fragments are kept, more than a reader can ask for in one datagram; it repeats what is
     /// forgotten.
@@ -57,6 +93,29 @@ impl Outbox {
     pub(super) fn greet(&mut self, start: SequenceNumber) {
         self.gap_to_start = start > SequenceNumber(1);
         self.heartbeat = true;
+    }
+
+    /// The change `sequence` is to be sent if `is_wanted`. A reliable reader is told what it does not get of all from `start`
+    /// on. Gives whether there is something to be sent.
+    pub(super) fn select(
+        &mut self,
+        start: SequenceNumber,
+        sequence: SequenceNumber,
+        is_wanted: bool,
+        is_reliable: bool,
+    ) -> bool {
+        let gap = start..if is_wanted { sequence } else { sequence.next() };
+        if is_reliable && !gap.is_empty() {
+            match self.selected.back_mut() {
+                Some(Selected::Gap(last)) if last.end == gap.start => last.end = gap.end,
+                _ => self.selected.push_back(Selected::Gap(gap)),
+            }
+        }
+        if is_wanted {
+            let position = Position::start_of(sequence);
+            self.selected.push_back(Selected::Change(position));
+        }
+        !self.selected.is_empty()
     }
 
     /// The changes from `first` to below `end` are to be sent without being asked for.
@@ -130,7 +189,7 @@ impl Outbox {
 
     /// Whether there is nothing to send.
     pub(super) fn is_empty(&self) -> bool {
-        !self.gap_to_start && !self.has_repairs() && !self.heartbeat
+        self.selected.is_empty() && !self.gap_to_start && !self.has_repairs() && !self.heartbeat
     }
 
     /// Whether all that remains is a HEARTBEAT.
@@ -164,6 +223,12 @@ impl Outbox {
         timing: &WriterTiming,
         packet: &mut Packet<'_>,
     ) -> bool {
+        if !self.fill_selected(source, packet) {
+            return false;
+        }
+        if self.not_before.is_some_and(|due| due > now) {
+            return false;
+        }
         self.not_before = None;
         if !self.fill_gap_to_start(source, packet) {
             return false;
@@ -207,6 +272,24 @@ impl Outbox {
         self.heartbeat |= can_answer && !self.is_paused;
         self.is_paused = true;
         self.not_before = Some(now + timing.nack_suppression.max(Self::MIN_PAUSE));
+    }
+
+    fn fill_selected(&mut self, source: &Source<'_>, packet: &mut Packet<'_>) -> bool {
+        while let Some(selected) = self.selected.front_mut() {
+            let is_done = match selected {
+                Selected::Gap(gap) => packet.gap(gap.start, SequenceNumberSet::empty(gap.end)),
+                Selected::Change(position) => match source.history.get(position.sequence) {
+                    Some(change) => packet.change(position, change),
+                    // The next HEARTBEAT says so.
+                    None => true,
+                },
+            };
+            if !is_done {
+                return false;
+            }
+            self.selected.pop_front();
+        }
+        true
     }
 
     fn fill_gap_to_start(&mut self, source: &Source<'_>, packet: &mut Packet<'_>) -> bool {
@@ -288,7 +371,9 @@ impl Outbox {
                 break;
             };
             position.skip_to(sequence);
-            if !packet.change(position, change) {
+            if !source.interest.wants(change) {
+                position.skip_to(sequence.next());
+            } else if !packet.change(position, change) {
                 return false;
             }
         }

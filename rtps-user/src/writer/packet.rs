@@ -1,6 +1,9 @@
 //! One datagram of a writer: submessages are appended as long as they fit.
 
-use crate::history::CacheChange;
+use std::sync::Arc;
+
+use crate::history::{CacheChange, Membership};
+use crate::qos::{PresentationScope, Qos};
 use crate::wire::{
     Data, DataFragment, EntityId, Gap, Guid, HEADER_LEN, Heartbeat, HeartbeatFrag, InlineQos,
     MessageWriter, SequenceNumber, SequenceNumberSet, Timestamp,
@@ -11,24 +14,32 @@ use super::Position;
 const INFO_DST_LEN: usize = 16;
 const INFO_TS_LEN: usize = 12;
 const HEARTBEAT_LEN: usize = 32;
+const HEARTBEAT_GROUP_LEN: usize = 32;
 /// Header, entity ids, start, and a set with all of its bits.
 const GAP_LEN: usize = 4 + 8 + 8 + 12 + 32;
 const KEY_HASH_LEN: usize = 20;
 const STATUS_INFO_LEN: usize = 8;
 const SENTINEL_LEN: usize = 4;
-/// The most that inline QoS take.
+/// The most that inline QoS take of a change that belongs to no set.
 const INLINE_QOS_LEN: usize = KEY_HASH_LEN + STATUS_INFO_LEN + SENTINEL_LEN;
-/// Everything of a DATA but the payload.
-const DATA_LEN: usize = 4 + 20 + INLINE_QOS_LEN;
-/// Everything of a DATA_FRAG but the payload.
-const DATA_FRAG_LEN: usize = 4 + 32 + INLINE_QOS_LEN;
+/// Everything of a DATA but inline QoS and payload.
+const DATA_LEN: usize = 4 + 20;
+/// Everything of a DATA_FRAG but inline QoS and payload.
+const DATA_FRAG_LEN: usize = 4 + 32;
+/// By how many bytes datagrams are larger than the fragments that they carry, of a writer without coherent sets.
+pub const FRAGMENT_OVERHEAD: usize = Layout::before_payload(DATA_FRAG_LEN + INLINE_QOS_LEN);
 
 /// How a writer's changes are laid out in datagrams; the same for all readers, because fragments must be.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Layout {
     writer: Guid,
     datagram: usize,
     fragment: u16,
+    /// The most bytes that the inline QoS of a change with a payload take.
+    inline_qos: usize,
+    heartbeat: usize,
+    /// What readers that expect inline QoS want with each change.
+    parameters: Option<Arc<[u8]>>,
 }
 
 impl Layout {
@@ -38,20 +49,60 @@ impl Layout {
     const MIN_DATAGRAM: usize = 256;
 
     /// For datagrams of up to `datagram` bytes.
-    pub(super) fn new(writer: Guid, datagram: usize) -> Self {
+    pub(super) fn new(writer: Guid, datagram: usize, qos: &Qos) -> Self {
         let datagram = datagram.clamp(Self::MIN_DATAGRAM, Self::MAX_DATAGRAM);
-        let room = datagram - HEADER_LEN - INFO_DST_LEN - INFO_TS_LEN - DATA_FRAG_LEN;
+        let is_group = qos.presentation.scope == PresentationScope::Group;
+        let has_membership = qos.presentation.coherent || is_group;
+        let inline_qos = INLINE_QOS_LEN + usize::from(has_membership) * Membership::MAX_LEN;
         Self {
             writer,
             datagram,
-            fragment: (room - room % 4) as u16,
+            fragment: Self::fragment_in(datagram, inline_qos),
+            inline_qos,
+            heartbeat: HEARTBEAT_LEN + usize::from(is_group) * HEARTBEAT_GROUP_LEN,
+            parameters: None,
         }
+    }
+
+    /// The same with `parameters` for the inline QoS of each change; without them where they would leave too little of a
+    /// datagram. Fragments get another size then, so that what a reader has of a change is worth nothing any more.
+    pub(super) fn with_parameters(self, parameters: &[u8]) -> Self {
+        let inline_qos = self.inline_qos + parameters.len();
+        let before = Self::before_payload(DATA_FRAG_LEN + inline_qos);
+        if parameters.is_empty() || before > self.datagram * 3 / 4 {
+            return self;
+        }
+        Self {
+            fragment: Self::fragment_in(self.datagram, inline_qos),
+            inline_qos,
+            parameters: Some(parameters.into()),
+            ..self
+        }
+    }
+
+    /// Whether changes carry parameters.
+    pub(super) fn has_parameters(&self) -> bool {
+        self.parameters.is_some()
+    }
+
+    fn fragment_in(datagram: usize, inline_qos: usize) -> u16 {
+        let room = datagram - Self::before_payload(DATA_FRAG_LEN + inline_qos);
+        (room - room % 4) as u16
+    }
+
+    fn parameters(&self) -> &[u8] {
+        self.parameters.as_deref().unwrap_or_default()
+    }
+
+    /// Bytes of a datagram before the payload of its only DATA or DATA_FRAG, which has so many itself.
+    const fn before_payload(submessage: usize) -> usize {
+        HEADER_LEN + INFO_DST_LEN + INFO_TS_LEN + submessage
     }
 
     /// Whether a payload of that length is sent in DATA_FRAGs.
     pub(super) fn is_fragmented(&self, len: usize) -> bool {
-        let rest = self.datagram - HEADER_LEN - INFO_DST_LEN - INFO_TS_LEN - DATA_LEN;
-        len.next_multiple_of(4) > rest
+        let before = Self::before_payload(DATA_LEN + self.inline_qos);
+        len.next_multiple_of(4) > self.datagram - before
     }
 
     /// A change as a DATA for `reader`; empty where it is sent in fragments.
@@ -86,12 +137,9 @@ impl Layout {
 
     /// Bytes of a change's DATA.
     fn data_len(&self, change: &CacheChange) -> usize {
-        let qos = self.inline_qos(change);
-        let parameters = usize::from(qos.key_hash.is_some()) * KEY_HASH_LEN
-            + usize::from(!qos.status.is_alive()) * STATUS_INFO_LEN;
-        let sentinel = if parameters > 0 { SENTINEL_LEN } else { 0 };
-        let without_qos = DATA_LEN - INLINE_QOS_LEN;
-        without_qos + parameters + sentinel + change.payload.len().next_multiple_of(4)
+        let more = self.parameters().len();
+        let inline_qos = self.inline_qos(change).encoded_len(more);
+        DATA_LEN + inline_qos + change.payload.len().next_multiple_of(4)
     }
 
     /// Samples of the built-in topics hold their key, and are many: only a disposal, which holds nothing else, needs
@@ -99,11 +147,16 @@ impl Layout {
     fn inline_qos(&self, change: &CacheChange) -> InlineQos {
         let Guid { entity, .. } = self.writer;
         let is_needed = !entity.is_builtin() || !change.kind.status_info().is_alive();
-        InlineQos {
+        let mut qos = InlineQos {
             key_hash: (entity.has_key() && is_needed).then_some(change.instance),
             status: change.kind.status_info(),
-            coherent_set: None,
+            ..InlineQos::default()
+        };
+        if let Some(membership) = &change.membership {
+            membership.write_to(&mut qos);
+            qos.key_hash = qos.key_hash.filter(|_| !membership.ends_set());
         }
+        qos
     }
 
     /// Bytes of a sample in one DATA_FRAG, at least 1.
@@ -131,6 +184,7 @@ impl<'a> Packet<'a> {
     /// For every reader at its destinations.
     pub(super) fn undirected(out: &'a mut Vec<u8>, layout: &'a Layout) -> Self {
         let message = MessageWriter::new(out, layout.writer.prefix);
+        let message = message.with_parameters(layout.parameters());
         Self {
             prologue: message.len(),
             message,
@@ -142,7 +196,8 @@ impl<'a> Packet<'a> {
 
     /// For one reader.
     pub(super) fn directed(out: &'a mut Vec<u8>, layout: &'a Layout, reader: Guid) -> Self {
-        let mut message = MessageWriter::new(out, layout.writer.prefix);
+        let message = MessageWriter::new(out, layout.writer.prefix);
+        let mut message = message.with_parameters(layout.parameters());
         message.info_destination(reader.prefix);
         Self {
             prologue: message.len(),
@@ -207,7 +262,7 @@ impl<'a> Packet<'a> {
         let start = (fragment as usize - 1).saturating_mul(usize::from(self.layout.fragment));
         let len = change.payload.len().saturating_sub(start);
         let len = len.min(usize::from(self.layout.fragment));
-        if !self.has_room(INFO_TS_LEN + DATA_FRAG_LEN + len) {
+        if !self.has_room(INFO_TS_LEN + DATA_FRAG_LEN + self.layout.inline_qos + len) {
             return false;
         }
         self.timestamp(change.timestamp);
@@ -241,7 +296,7 @@ impl<'a> Packet<'a> {
 
     /// Whether a HEARTBEAT fits.
     pub(super) fn has_room_for_heartbeat(&self) -> bool {
-        self.has_room(HEARTBEAT_LEN)
+        self.has_room(self.layout.heartbeat)
     }
 
     /// Appends a HEARTBEAT, whose entity ids are filled in here.
@@ -337,13 +392,21 @@ mod tests {
     #[test]
     fn no_datagram_exceeds_its_size() {
         for size in [0, 256, 511, 1472, 65_507, usize::MAX] {
-            let layout = Layout::new(WRITER, size);
-            for bytes in (0..3000).chain([65_000, 65_400, 65_507, 200_001]) {
-                for kind in [ChangeKind::Alive, ChangeKind::DisposedUnregistered] {
-                    let lengths = datagrams(&layout, kind, bytes);
-                    assert!(lengths.iter().all(|length| *length <= layout.datagram));
-                    assert_eq!(lengths.len() > 1, layout.is_fragmented(bytes), "{bytes}");
-                }
+            let layout = Layout::new(WRITER, size, &Qos::default());
+            assert_sizes(&layout, (0..3000).chain([65_000, 65_400, 65_507, 200_001]));
+            for parameters in [4, 40, 400, 4000] {
+                let layout = layout.clone().with_parameters(&vec![0; parameters]);
+                assert_sizes(&layout, (0..3000).step_by(97).chain([65_400]));
+            }
+        }
+    }
+
+    fn assert_sizes(layout: &Layout, payloads: impl Iterator<Item = usize>) {
+        for bytes in payloads {
+            for kind in [ChangeKind::Alive, ChangeKind::DisposedUnregistered] {
+                let lengths = datagrams(layout, kind, bytes);
+                assert!(lengths.iter().all(|length| *length <= layout.datagram));
+                assert_eq!(lengths.len() > 1, layout.is_fragmented(bytes), "{bytes}");
             }
         }
     }

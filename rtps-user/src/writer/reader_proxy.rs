@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use super::WriterTiming;
 use super::count::LastCount;
+use super::interest::Interest;
 use super::outbox::Outbox;
 use crate::RemoteEndpoint;
 use crate::count::Count;
@@ -38,6 +39,8 @@ pub(super) struct ReaderProxy {
     /// Where it is reached: one address, or none.
     address: Arc<[SocketAddr]>,
     is_reliable: bool,
+    /// The topic, where it expects inline QoS.
+    inline_topic: Option<String>,
     /// The first change that concerns it.
     start: SequenceNumber,
     /// The first change that was sent to all readers while it was among them.
@@ -55,6 +58,7 @@ pub(super) struct ReaderProxy {
     progress: Option<(SequenceNumber, u32)>,
     /// Whether it stands in the writer's queue of readers to be sent something.
     pub(super) is_queued: bool,
+    pub(super) interest: Interest,
     pub(super) outbox: Outbox,
 }
 
@@ -72,6 +76,7 @@ impl ReaderProxy {
             guid: remote.guid,
             address: first_address(remote),
             is_reliable,
+            inline_topic: inline_topic(remote),
             start,
             live_from,
             acknowledged: start.previous(),
@@ -83,6 +88,7 @@ impl ReaderProxy {
             answered_at: None,
             progress: None,
             is_queued: false,
+            interest: Interest::of(remote),
             outbox: Outbox::default(),
         }
     }
@@ -92,6 +98,7 @@ impl ReaderProxy {
         if self.address.first() != remote.unicast.first() {
             self.address = first_address(remote);
         }
+        self.inline_topic = inline_topic(remote);
     }
 
     pub(super) fn guid(&self) -> Guid {
@@ -108,6 +115,11 @@ impl ReaderProxy {
 
     pub(super) fn is_reliable(&self) -> bool {
         self.is_reliable
+    }
+
+    /// The topic, where the reader expects inline QoS.
+    pub(super) fn inline_topic(&self) -> Option<&str> {
+        self.inline_topic.as_deref()
     }
 
     pub(super) fn start(&self) -> SequenceNumber {
@@ -225,4 +237,8 @@ impl ReaderProxy {
 
 fn first_address(remote: &RemoteEndpoint) -> Arc<[SocketAddr]> {
     remote.unicast.iter().take(1).copied().collect()
+}
+
+fn inline_topic(remote: &RemoteEndpoint) -> Option<String> {
+    remote.expects_inline_qos.then(|| remote.topic.clone())
 }

@@ -130,8 +130,7 @@ impl ChangeRequest {
         let Some(first) = members().find(|member| !source.has(*member)) else {
             return true;
         };
-        let next = source.history.next_from(first.max(source.start));
-        let range_end = next.map_or(source.end, |(next, _)| next.min(source.end));
+        let range_end = source.end_of_gap(first);
         let others = members().filter(|member| *member > range_end && !source.has(*member));
         packet.gap(first, SequenceNumberSet::from_members(range_end, others))
     }

@@ -3,8 +3,8 @@
 
 use super::heartbeat::Sent;
 use super::{WriteError, Writer};
-use crate::history::{ChangeKind, Instance, NewChange};
-use crate::qos::{Durability, History};
+use crate::history::{CacheChange, ChangeKind, Instance, NewChange};
+use crate::qos::{Durability, History, Qos};
 use crate::wire::{KeyHash, SequenceNumber};
 
 impl Writer {
@@ -17,12 +17,19 @@ impl Writer {
             return Err(WriteError::TooLarge(change.payload.len()));
         }
         let limits = self.config.qos.resource_limits;
+        let registry = self.registry.as_ref();
+        if registry.is_some_and(|known| known.is_full_for(change.instance, limits.max_instances)) {
+            return Err(WriteError::OutOfResources);
+        }
         let instance = self.history.instance(change.instance);
         if instance.is_none() && is_reached(self.history.instances(), limits.max_instances) {
-            return Err(self.no_room_for_instance());
+            // Others have been unregistered, which readers have not acknowledged yet.
+            return Err(WriteError::HistoryFull);
         }
         match (self.config.qos.history, instance) {
-            (History::KeepLast(depth), Some(_)) => self.replace_in(change.instance, depth.max(1)),
+            (History::KeepLast(depth), Some(_)) => {
+                self.replace_in(change.instance, self.depth(depth));
+            }
             (History::KeepLast(_), None) => {}
             (History::KeepAll, _) if !self.has_window() => return Err(WriteError::HistoryFull),
             (History::KeepAll, Some(Instance { len, oldest, .. }))
@@ -32,10 +39,29 @@ impl Writer {
             }
             (History::KeepAll, _) => {}
         }
-        if is_reached(self.history.len(), limits.max_samples) {
-            self.give_up(self.history.first())?;
+        if is_reached(self.history.samples(), limits.max_samples) {
+            self.give_up_oldest()?;
         }
         Ok(())
+    }
+
+    /// How many changes KEEP_LAST keeps of an instance. There is no durability service but the writer itself, as long as it
+    /// lives: it keeps what DURABILITY_SERVICE asks for where that is more.
+    fn depth(&self, depth: u32) -> u32 {
+        let Qos {
+            durability,
+            durability_service: service,
+            ..
+        } = &self.config.qos;
+        let of_service = match service.history {
+            _ if *durability < Durability::Transient => 0,
+            History::KeepLast(depth) => depth,
+            History::KeepAll => {
+                let limit = service.resource_limits.max_samples_per_instance;
+                limit.unwrap_or(u32::MAX)
+            }
+        };
+        depth.max(of_service).max(1)
     }
 
     /// Whether changes stay for late joiners once everybody has them.
@@ -48,6 +74,7 @@ impl Writer {
         let done = self.done();
         if self.keeps_past() {
             self.release_unregistered(done);
+            self.drop_set_ends(done);
         } else {
             while self.history.pop_through(done).is_some() {}
         }
@@ -82,7 +109,10 @@ impl Writer {
 
     /// The last change that has been sent and that all reliable readers have acknowledged.
     fn done(&self) -> SequenceNumber {
-        self.acknowledged().min(self.live.end().previous())
+        let live = self.live.end();
+        let unsent = self.selection.unsent_from();
+        let unsent = unsent.map_or(live, |unsent| unsent.min(live));
+        self.acknowledged().min(unsent.previous())
     }
 
     fn replace_in(&mut self, instance: KeyHash, depth: u32) {
@@ -93,6 +123,21 @@ impl Writer {
         }
     }
 
+    /// As [`give_up`](Self::give_up), for the oldest change that counts.
+    fn give_up_oldest(&mut self) -> Result<(), WriteError> {
+        let mut oldest = self.history.first();
+        while let Some(sequence) = oldest
+            && self
+                .history
+                .get(sequence)
+                .is_some_and(CacheChange::ends_set)
+        {
+            let next = self.history.next_from(sequence.next());
+            oldest = next.map(|(next, _)| next);
+        }
+        self.give_up(oldest)
+    }
+
     /// Drops a change that all have, though late joiners might still want it.
     fn give_up(&mut self, oldest: Option<SequenceNumber>) -> Result<(), WriteError> {
         match oldest {
@@ -101,14 +146,6 @@ impl Writer {
                 Ok(())
             }
             _ => Err(WriteError::HistoryFull),
-        }
-    }
-
-    fn no_room_for_instance(&self) -> WriteError {
-        if self.keeps_past() {
-            WriteError::OutOfResources
-        } else {
-            WriteError::HistoryFull
         }
     }
 

@@ -1,7 +1,8 @@
 //! Repairs that several readers wait for go to all of them in one datagram.
 //!
 //! It is for no reader in particular, so that those behind the same addresses get it as well. They have it, or take it
-//! as gladly; but a reader that a change does not concern must not get it.
+//! as gladly; but a reader that a change does not concern must not get it, so that nothing is shared while there are
+//! readers that do not want everything (`selection.rs`).
 
 use std::collections::BTreeSet;
 use std::net::SocketAddr;
@@ -24,7 +25,7 @@ const MAX_READERS: usize = 32;
 impl Writer {
     /// A reader has asked for something that others may ask for as well.
     pub(super) fn look_for_shared(&mut self) {
-        self.may_share = self.readers.len() > 1;
+        self.may_share = self.readers.len() > 1 && !self.selection.is_needed();
     }
 
     /// The next datagram for several readers, but not for all.
@@ -80,7 +81,7 @@ impl Writer {
         shared: &Shared,
         out: &mut Vec<u8>,
     ) -> Option<Transmit> {
-        let layout = self.layout;
+        let layout = self.layout.clone();
         let mut packet = Packet::undirected(out, &layout);
         for sequence in &shared.changes {
             let before = packet.len();
@@ -97,7 +98,10 @@ impl Writer {
         }
         self.ask_again(now, &mut packet);
         let destinations = self.addresses_of(&shared.readers);
-        packet.finish().then_some(Transmit { destinations })
+        packet.finish().then_some(Transmit {
+            destinations,
+            dscp: self.dscp,
+        })
     }
 
     /// The readers can say at once what got lost again.

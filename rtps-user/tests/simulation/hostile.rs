@@ -101,6 +101,7 @@ fn against_reader(random: &mut Random, writer: Guid) -> Vec<u8> {
                 count: odd_count(random),
                 is_final: random.percent(50),
                 liveliness: random.percent(50),
+                group: None,
             });
             let mut list = odd_set(random);
             let start = SequenceNumber(odd_number(random).max(1));

@@ -150,12 +150,26 @@ impl Network {
     /// Adds a node, and a reader on it.
     pub(crate) fn add_reader(&mut self, kind: EntityKind, qos: Qos) -> Guid {
         let guid = self.add_node(EntityId::of_app(1, 2, kind));
+        self.start_reader(guid, qos);
+        guid
+    }
+
+    /// The reader's process dies, with what was on its way to it, and a new one begins with nothing.
+    pub(crate) fn restart_reader(&mut self, guid: Guid) {
+        let qos = self.reader(guid).qos().clone();
+        let node = &mut self.nodes[usize::from(guid.prefix.0[11])];
+        let address = node.address;
+        node.inbox = 0;
+        self.in_flight.retain(|_, datagram| datagram.to != address);
+        self.start_reader(guid, qos);
+    }
+
+    fn start_reader(&mut self, guid: Guid, qos: Qos) {
         let config = ReaderConfig {
             datagram_size: self.conditions.datagram_size(),
             ..ReaderConfig::new(guid, qos)
         };
         self.endpoints(guid).add_reader(config);
-        guid
     }
 
     /// Both sides match, one after the other.
@@ -207,6 +221,24 @@ impl Network {
         let result = self.writer(writer).write(now, change);
         self.exchange();
         result
+    }
+
+    /// Writes several changes at once, as an app does that waits for room.
+    pub(crate) fn write_burst(
+        &mut self,
+        writer: Guid,
+        changes: impl IntoIterator<Item = NewChange>,
+    ) {
+        for change in changes {
+            let now = self.now;
+            let writing = self.writer(writer);
+            if writing.make_room(&change).is_ok() {
+                writing.write(now, change).unwrap();
+            } else {
+                self.write_blocking(writer, change);
+            }
+        }
+        self.exchange();
     }
 
     /// Writes as an app does that waits for room.

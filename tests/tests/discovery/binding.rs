@@ -71,6 +71,7 @@ fn nobody_elsewhere_makes_readers_skip_samples() -> Result<()> {
         count: i32::MAX,
         is_final: false,
         liveliness: false,
+        group: None,
     });
     let before = dropped(&layer)?;
     let socket = stage

@@ -274,6 +274,7 @@ impl Remote {
                 count: self.count,
                 is_final: false,
                 liveliness: false,
+                group: None,
             });
         }))
     }

@@ -58,7 +58,7 @@ impl Ping {
         loop {
             let lost = pings.exchange(PATIENCE, |time| log.histogram.record(time))?;
             log.lost += u64::from(lost);
-            let now = Instant::now();
+            let now = pings.last_look;
             log.end = now;
             if period.is_over(now) {
                 return Ok(log);
@@ -83,6 +83,8 @@ struct Pings {
     key: u32,
     seq: u32,
     peers: u32,
+    /// When the last answer came, or did not come: what there is to measure need not wait for another clock reading.
+    last_look: Instant,
 }
 
 impl Pings {
@@ -101,6 +103,7 @@ impl Pings {
             key: if topic.has_key() { key } else { 0 },
             seq: 0,
             peers: ping.peers,
+            last_look: Instant::now(),
         })
     }
 
@@ -121,13 +124,17 @@ impl Pings {
         let ping = self.template.sample(self.seq, asked);
         let mut missing = self.peers;
         let start = Instant::now();
+        let mut waited = Duration::ZERO;
         self.writer.send_change(ping)?;
         while missing > 0 {
-            let Some(sample) = self.reader.recv(patience.saturating_sub(start.elapsed())) else {
+            let sample = self.reader.recv(patience.saturating_sub(waited));
+            self.last_look = Instant::now();
+            waited = self.last_look - start;
+            let Some(sample) = sample else {
                 break;
             };
             if self.is_answer(&sample) {
-                answered(start.elapsed());
+                answered(waited);
                 missing -= 1;
             }
         }

@@ -1,9 +1,12 @@
 //! Types that the tests share: every kind of type, nested in one another.
 
 mod evolution;
+mod fields;
 mod hostile;
 mod keys;
 mod round_trip;
+mod samples;
+mod type_objects;
 mod vectors;
 
 use std::collections::{BTreeMap, HashMap};

@@ -39,6 +39,8 @@ const ADDRESSES: u8 = SOCKETS + 6;
 const DATAGRAMS_AT_ONCE: usize = 64;
 /// A participant's traffic is reported to the layer at most this often.
 const SEEN_PERIOD: Duration = Duration::from_millis(500);
+/// Announcements of which one has to arrive for others to keep the participant.
+const ANNOUNCEMENTS_IN_LEASE: u32 = 4;
 
 /// Why the in-process layer could not be used.
 #[derive(Debug, Error)]
@@ -308,6 +310,10 @@ impl Link for InProcessLink {
 
     fn awake(&mut self) {}
 
+    fn has_news(&self, now: Instant) -> bool {
+        !self.inbox.is_empty() || self.due.is_some_and(|due| due <= now)
+    }
+
     fn poll_timeout(&self) -> Option<Instant> {
         self.due
     }
@@ -346,6 +352,12 @@ fn layer_config(
         .peers
         .extend(static_peers::from_environment(settings.domain));
     config.multicast = sockets.groups();
+    if let Some(period) = settings.announce_period {
+        config.announce_period = period;
+        config.lease = config
+            .lease
+            .max(period.saturating_mul(ANNOUNCEMENTS_IN_LEASE));
+    }
     config.datagram_size = rtps_net::datagram_size(interfaces);
     Ok(config)
 }

@@ -13,6 +13,7 @@ fn open() -> (InProcessLink, Arc<Epoll>) {
         ring_bytes: 0,
         busy_poll: None,
         peers: Vec::new(),
+        announce_period: None,
     };
     let epoll = Arc::new(Epoll::new().unwrap());
     let link = InProcessLink::open(&settings, &epoll).unwrap();

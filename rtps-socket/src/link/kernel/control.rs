@@ -74,6 +74,8 @@ pub(super) struct Control {
     declared: BTreeMap<EntityId, Endpoint>,
     /// USER_DATA of the participant.
     described: Vec<u8>,
+    /// Whether the app wants to know of all participants and endpoints.
+    browses: bool,
     outbox: VecDeque<Vec<u8>>,
     inbox: VecDeque<FromLayer>,
     buffer: Vec<u8>,
@@ -115,6 +117,7 @@ impl Control {
             due: None,
             declared: BTreeMap::new(),
             described: Vec::new(),
+            browses: false,
             outbox: VecDeque::new(),
             inbox: VecDeque::new(),
             buffer,
@@ -138,6 +141,7 @@ impl Control {
                 self.declared.remove(entity);
             }
             ToLayer::Describe(user_data) => self.described.clone_from(user_data),
+            ToLayer::Browse { .. } => self.browses = true,
             ToLayer::Hello(_) | ToLayer::AssertLiveliness | ToLayer::FanOut(_) => {}
         }
         // Without a connection there is nothing to queue: coming back declares everything anew.
@@ -150,6 +154,11 @@ impl Control {
     /// What rtpsd says next to the app's endpoints.
     pub(super) fn poll_message(&mut self) -> Option<FromLayer> {
         self.inbox.pop_front()
+    }
+
+    /// Whether rtpsd has said something, or something is due at `now`.
+    pub(super) fn has_news(&self, now: Instant) -> bool {
+        !self.inbox.is_empty() || self.due.is_some_and(|due| due <= now)
     }
 
     /// Takes what has arrived.
@@ -206,10 +215,12 @@ impl Control {
         let declared = self.declared.values().cloned();
         let declarations = declared.map(|endpoint| ToLayer::Declare(Box::new(endpoint)));
         let user_data = Some(self.described.clone()).filter(|user_data| !user_data.is_empty());
+        let browse = self.browses.then_some(ToLayer::Browse { after: None });
         self.outbox = user_data
             .map(ToLayer::Describe)
             .into_iter()
             .chain(declarations)
+            .chain(browse)
             .map(|request| encode(&request))
             .collect();
         self.flush(now);

@@ -8,17 +8,27 @@ use crate::sys::udp;
 /// in which it would not wake anybody, cannot be full, and enough for the system call not to matter.
 const PENDING_MAX: usize = 32;
 
+/// How often records are taken after a sleep until none of them can have rung any more: a program that saw the app
+/// asleep may be a little late with its record.
+const LATE_ROUNDS: u32 = 4;
+
 /// See the module.
 #[derive(Debug)]
 pub(super) struct Doorbell {
     socket: UdpSocket,
     /// The most datagrams that can be in the socket.
     pending: usize,
+    /// How often records are still to be taken that may have rung.
+    rounds: u32,
 }
 
 impl Doorbell {
     pub(super) fn new(socket: UdpSocket) -> Self {
-        Self { socket, pending: 0 }
+        Self {
+            socket,
+            pending: 0,
+            rounds: 0,
+        }
     }
 
     /// The socket, to send from.
@@ -26,9 +36,19 @@ impl Doorbell {
         &self.socket
     }
 
+    /// From now on each record rings.
+    pub(super) fn armed(&mut self) {
+        self.rounds = LATE_ROUNDS;
+    }
+
     /// `records` were taken out of the ring, and the socket has woken the app or not. Until the app is awake and says
     /// so, each of the records may have rung: a burst leaves many datagrams, whatever the number of wake-ups.
     pub(super) fn took(&mut self, records: usize, has_rung: bool) {
+        if self.rounds == 0 && !has_rung {
+            return;
+        }
+        // A record that is there has been waited for.
+        self.rounds -= u32::from(records > 0).min(self.rounds);
         // Without a record it rings for one that was taken before, or a stranger does: nobody counts those.
         let is_late = has_rung && records == 0;
         self.pending += records;
@@ -59,6 +79,7 @@ mod tests {
             for _ in 0..burst {
                 sender.send_to(&[0; 1400], address).unwrap();
             }
+            doorbell.armed();
             let wakeups = epoll.wait(Some(Duration::from_millis(500))).unwrap();
             assert!(wakeups.contains(5), "silent in round {round} of {burst}");
             take(&mut doorbell);
@@ -78,6 +99,14 @@ mod tests {
             doorbell.took(1, true);
             doorbell.took(43, false);
         });
+    }
+
+    #[test]
+    fn what_comes_while_the_app_is_awake_does_not_ring() {
+        let mut doorbell = Doorbell::new(UdpSocket::bind("127.0.0.1:0").unwrap());
+        doorbell.armed();
+        (0..100).for_each(|_| doorbell.took(1, false));
+        assert_eq!(doorbell.pending, LATE_ROUNDS as usize);
     }
 
     #[test]

@@ -261,6 +261,7 @@ impl Link for KernelLink {
 
     fn prepare_sleep(&mut self) -> bool {
         self.bell.arm();
+        self.doorbell.armed();
         let quiet = self.channels.arm() && !self.ring.ring().has_record();
         if !quiet {
             self.awake();
@@ -271,6 +272,10 @@ impl Link for KernelLink {
     fn awake(&mut self) {
         self.bell.disarm();
         self.channels.disarm();
+    }
+
+    fn has_news(&self, now: Instant) -> bool {
+        self.is_lost || self.control.has_news(now)
     }
 
     fn poll_timeout(&self) -> Option<Instant> {

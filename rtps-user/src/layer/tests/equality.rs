@@ -179,6 +179,7 @@ impl Pair {
             count: self.heartbeats,
             is_final,
             liveliness: false,
+            group: None,
         });
     }
 }
@@ -296,8 +297,11 @@ fn an_unknown_participant_is_answered_alike() {
                 SubmessageKind::HEARTBEAT,
             ]]
         );
-        // The layer goes on to greet the remote writers.
-        let greetings = by_layer.split_off(1);
+        // The layer goes on to greet the remote writers. The endpoints of the TypeLookup service, of which the low-level
+        // layer knows nothing, greet each other.
+        let mut greetings = by_layer.split_off(1);
+        let lookups = greetings.split_off(3);
+        assert_eq!(lookups.len(), 4);
         let greeting = vec![SubmessageKind::INFO_DST, SubmessageKind::ACKNACK];
         assert_eq!(kinds(&greetings), vec![greeting; 3]);
         assert_eq!(by_kernel, by_layer);

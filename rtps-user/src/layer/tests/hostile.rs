@@ -208,7 +208,7 @@ fn nobody_ends_a_match_of_others() {
                 unregistered: true,
                 filtered: false,
             },
-            coherent_set: None,
+            ..InlineQos::default()
         },
         kind: PayloadKind::None,
         payload: &[],

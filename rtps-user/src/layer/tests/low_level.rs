@@ -435,6 +435,7 @@ fn numbers_that_the_low_level_layer_cannot_know_it_is_told() {
         count: 10_000,
         is_final: false,
         liveliness: false,
+        group: None,
     });
     let from = net.hosts[1].address;
     net.inject(from, net.hosts[0].address, bytes);
@@ -486,6 +487,7 @@ fn a_number_that_the_low_level_layer_has_lost_is_told_again() {
             count,
             is_final: false,
             liveliness: false,
+            group: None,
         });
         bytes
     };

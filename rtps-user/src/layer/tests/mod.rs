@@ -1,5 +1,6 @@
 //! Layers that discover each other in virtual time.
 
+mod browse;
 mod channels;
 mod equality;
 mod fan_out;

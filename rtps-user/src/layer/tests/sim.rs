@@ -104,6 +104,7 @@ pub(super) fn endpoint(slot: u8, serial: u16, kind: EntityKind) -> Endpoint {
         topic: "Square".to_owned(),
         type_name: "ShapeType".to_owned(),
         type_information: Vec::new(),
+        type_objects: Vec::new(),
         content_filter: None,
         qos: reliable(),
     }

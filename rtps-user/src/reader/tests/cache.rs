@@ -1,21 +1,7 @@
 //! Instances, HISTORY, RESOURCE_LIMITS, and what applications see of them.
 
 use super::*;
-use crate::qos::{History, ResourceLimits};
-
-const ALIVE: StatusInfo = StatusInfo {
-    disposed: false,
-    unregistered: false,
-    filtered: false,
-};
-const DISPOSED: StatusInfo = StatusInfo {
-    disposed: true,
-    ..ALIVE
-};
-const UNREGISTERED: StatusInfo = StatusInfo {
-    unregistered: true,
-    ..ALIVE
-};
+use crate::qos::{History, Presentation, PresentationScope, ResourceLimits};
 
 fn keep_last(depth: u32) -> Qos {
     Qos {
@@ -273,7 +259,7 @@ fn a_dispose_names_its_instance_by_key_hash_or_by_key() {
     let disposed = |key_hash| InlineQos {
         key_hash,
         status: DISPOSED,
-        coherent_set: None,
+        ..InlineQos::default()
     };
     bench.submit(1, InlineQos::default(), PayloadKind::Data, &[0, 0, 0, 0, 8]);
     bench.submit(2, InlineQos::default(), PayloadKind::Data, &[0, 0, 0, 0, 9]);
@@ -371,4 +357,28 @@ fn taking_one_makes_room_for_what_waits() {
     assert_eq!(take(&mut bench), Some(1));
     assert_eq!(take(&mut bench), Some(2));
     assert_eq!(take(&mut bench), None);
+}
+
+#[test]
+fn instances_can_be_kept_together() {
+    for (scope, expected) in [
+        (PresentationScope::Instance, [1, 3, 2, 4]),
+        (PresentationScope::Topic, [1, 2, 3, 4]),
+    ] {
+        let mut bench = bench(Qos {
+            presentation: Presentation {
+                scope,
+                coherent: false,
+                ordered: true,
+            },
+            ..reliable()
+        });
+        for (sequence, instance) in [(1, 7), (2, 5), (3, 7), (4, 5)] {
+            bench.sample(sequence, key(instance), ALIVE, b"data");
+        }
+        let samples = bench.take();
+        assert_eq!(sequences(&samples), expected);
+        assert_eq!(samples[0].info.sample_rank, 1);
+        assert_eq!(samples[3].info.sample_rank, 0);
+    }
 }

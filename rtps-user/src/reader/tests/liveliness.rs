@@ -7,7 +7,7 @@ fn offering(kind: LivelinessKind) -> Qos {
     Qos {
         liveliness: Liveliness {
             kind,
-            lease: crate::wire::Duration {
+            lease: wire::Duration {
                 seconds: 1,
                 fraction: 0,
             },
@@ -88,7 +88,7 @@ fn only_the_right_assertion_renews() {
 #[test]
 fn a_missed_deadline_is_told_once_a_period() {
     let qos = Qos {
-        deadline: Deadline(crate::wire::Duration::from_std(Duration::from_millis(100))),
+        deadline: Deadline(wire::Duration::from_std(Duration::from_millis(100))),
         ..reliable()
     };
     let mut bench = Bench::started(qos, reliable());

@@ -1,20 +1,43 @@
 //! Readers in virtual time, fed with submessages made by hand.
 
 mod acknack;
+mod any_policy;
 mod best_effort;
 mod cache;
+mod coherent;
 mod fragments;
+mod lifecycle;
+mod lifespan;
 mod liveliness;
+mod ownership;
 mod random;
 mod reliable;
+mod separation;
+mod source_order;
+mod walk;
 
 use std::time::{Duration, Instant};
 
 use super::*;
 use crate::qos::{Durability, Reliability};
+use crate::wire;
 use crate::wire::{
     AckNack, EntityId, EntityKind, InlineQos, KeyHash, MessageReceiver, NackFrag, PayloadKind,
     SequenceNumberSet, StatusInfo, Submessage,
+};
+
+const ALIVE: StatusInfo = StatusInfo {
+    disposed: false,
+    unregistered: false,
+    filtered: false,
+};
+const DISPOSED: StatusInfo = StatusInfo {
+    disposed: true,
+    ..ALIVE
+};
+const UNREGISTERED: StatusInfo = StatusInfo {
+    unregistered: true,
+    ..ALIVE
 };
 
 const READER_PREFIX: GuidPrefix = GuidPrefix([1; 12]);
@@ -58,6 +81,10 @@ fn remote(guid: Guid, qos: Qos) -> RemoteEndpoint {
     }
 }
 
+fn millis(millis: u64) -> wire::Duration {
+    wire::Duration::from_std(Duration::from_millis(millis))
+}
+
 /// What a reader answered.
 #[derive(Clone, Debug, PartialEq)]
 enum Answer {
@@ -73,6 +100,8 @@ struct Bench {
     now: Instant,
     writer: Guid,
     heartbeats: i32,
+    /// The source timestamp of what is written.
+    timestamp: Option<Timestamp>,
 }
 
 impl Bench {
@@ -100,7 +129,15 @@ impl Bench {
             now: Instant::now(),
             writer: writer(1),
             heartbeats: 0,
+            timestamp: None,
         }
+    }
+
+    /// What follows comes from the `index`-th writer, matched now or with other policies than before.
+    fn switch_to(&mut self, index: u8, qos: Qos) {
+        self.writer = writer(index);
+        let known = remote(self.writer, qos);
+        self.reader.match_writer(self.now, &known);
     }
 
     fn wait(&mut self, millis: u64) {
@@ -126,7 +163,7 @@ impl Bench {
         let inline_qos = InlineQos {
             key_hash: Some(instance),
             status,
-            coherent_set: None,
+            ..InlineQos::default()
         };
         self.submit(sequence, inline_qos, kind, payload);
     }
@@ -140,7 +177,8 @@ impl Bench {
             kind,
             payload,
         };
-        self.reader.handle_data(self.now, self.writer, None, &data);
+        self.reader
+            .handle_data(self.now, self.writer, self.timestamp, &data);
     }
 
     /// GAP of `start..base` and `members`.
@@ -170,6 +208,7 @@ impl Bench {
             count,
             is_final,
             liveliness: false,
+            group: None,
         };
         self.reader
             .handle_heartbeat(self.now, self.writer, &heartbeat);

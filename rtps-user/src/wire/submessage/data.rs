@@ -67,29 +67,28 @@ impl<'a> Data<'a> {
         })
     }
 
-    pub(in crate::wire) fn flags(&self) -> u8 {
+    /// `more` says whether other parameters than [`inline_qos`](Self::inline_qos) stand beside them.
+    pub(in crate::wire) fn flags(&self, more: bool) -> u8 {
         let payload = match self.kind {
             PayloadKind::None => 0,
             PayloadKind::Data => Self::FLAG_DATA,
             PayloadKind::Key => Self::FLAG_KEY,
         };
         payload
-            | if self.inline_qos.is_empty() {
+            | if self.inline_qos.is_empty() && !more {
                 0
             } else {
                 Self::FLAG_INLINE_QOS
             }
     }
 
-    pub(in crate::wire) fn encode(&self, out: &mut Vec<u8>) {
+    pub(in crate::wire) fn encode(&self, more: &[u8], out: &mut Vec<u8>) {
         out.extend_from_slice(&[0, 0]);
         out.extend_from_slice(&OCTETS_TO_INLINE_QOS.to_le_bytes());
         out.extend_from_slice(&self.reader.0);
         out.extend_from_slice(&self.writer.0);
         self.sequence.encode(out);
-        if !self.inline_qos.is_empty() {
-            self.inline_qos.encode(out);
-        }
+        self.inline_qos.encode(more, out);
         out.extend_from_slice(self.payload);
     }
 }

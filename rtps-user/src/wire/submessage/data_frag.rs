@@ -99,20 +99,21 @@ impl<'a> DataFrag<'a> {
         usize::try_from(end.min(sample) - start).ok()
     }
 
-    pub(in crate::wire) fn flags(&self) -> u8 {
+    /// `more` says whether other parameters than [`inline_qos`](Self::inline_qos) stand beside them.
+    pub(in crate::wire) fn flags(&self, more: bool) -> u8 {
         let key = if self.kind == PayloadKind::Key {
             Self::FLAG_KEY
         } else {
             0
         };
-        key | if self.inline_qos.is_empty() {
+        key | if self.inline_qos.is_empty() && !more {
             0
         } else {
             Self::FLAG_INLINE_QOS
         }
     }
 
-    pub(in crate::wire) fn encode(&self, out: &mut Vec<u8>) {
+    pub(in crate::wire) fn encode(&self, more: &[u8], out: &mut Vec<u8>) {
         out.extend_from_slice(&[0, 0]);
         out.extend_from_slice(&OCTETS_TO_INLINE_QOS.to_le_bytes());
         out.extend_from_slice(&self.reader.0);
@@ -122,9 +123,7 @@ impl<'a> DataFrag<'a> {
         out.extend_from_slice(&self.fragment_count.to_le_bytes());
         out.extend_from_slice(&self.fragment_size.to_le_bytes());
         out.extend_from_slice(&self.sample_size.to_le_bytes());
-        if !self.inline_qos.is_empty() {
-            self.inline_qos.encode(out);
-        }
+        self.inline_qos.encode(more, out);
         out.extend_from_slice(self.payload);
     }
 }

@@ -1,16 +1,24 @@
 //! What a DATA says of its change beside the payload: the inline QoS (RTPS 2.5 sections 8.7.9 and 9.6.4).
 
+use std::hash::{Hash, Hasher};
+
 use serde::{Deserialize, Serialize};
 
 use crate::wire::{
-    Cursor, Parameter, ParameterId, ParameterList, ParameterWriter, SequenceNumber, WireError,
+    Cursor, Duration, Parameter, ParameterId, ParameterList, ParameterWriter, SequenceNumber,
+    WireError,
 };
 
 /// The 16 bytes that name an instance (RTPS 9.6.4.8): its big-endian key, zero-padded, or the MD5 of it.
-#[derive(
-    Clone, Copy, Debug, Default, Deserialize, Eq, Hash, Ord, PartialEq, PartialOrd, Serialize,
-)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, Eq, Ord, PartialEq, PartialOrd, Serialize)]
 pub struct KeyHash(pub [u8; 16]);
+
+/// All of it at once.
+impl Hash for KeyHash {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        state.write_u128(u128::from_ne_bytes(self.0));
+    }
+}
 
 /// StatusInfo_t (RTPS 9.6.4.9): what happened to the instance.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
@@ -42,6 +50,11 @@ impl StatusInfo {
     }
 }
 
+/// GroupDigest_t (RTPS 9.3.2): a digest of the entity ids of a publisher's writers. Who reads it compares it with
+/// others, nothing else.
+#[derive(Clone, Copy, Debug, Default, Eq, Hash, Ord, PartialEq, PartialOrd)]
+pub struct GroupDigest(pub [u8; 4]);
+
 /// The parameters of a change that we use; unknown ones are skipped.
 #[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
 pub struct InlineQos {
@@ -49,14 +62,44 @@ pub struct InlineQos {
     pub key_hash: Option<KeyHash>,
     /// PID_STATUS_INFO; absent means an ordinary sample.
     pub status: StatusInfo,
-    /// PID_COHERENT_SET: the first change of the set that this change belongs to.
+    /// PID_COHERENT_SET: the first change of the set that this change belongs to; SEQUENCENUMBER_UNKNOWN says that the
+    /// set before has ended (RTPS 8.7.6).
     pub coherent_set: Option<SequenceNumber>,
+    /// PID_GROUP_SEQ_NUM: the change's number among all changes of its publisher (RTPS 8.7.5).
+    pub group_sequence: Option<SequenceNumber>,
+    /// PID_GROUP_COHERENT_SET: the group sequence number that the publisher's set begins with (RTPS 8.7.6).
+    pub group_coherent_set: Option<SequenceNumber>,
+    /// PID_WRITER_GROUP_INFO: the writers of the publisher, at the end of a set of GROUP scope.
+    pub writer_group: Option<GroupDigest>,
+    /// PID_LIFESPAN: that of this change alone.
+    pub lifespan: Option<Duration>,
 }
 
 impl InlineQos {
     /// Whether there is nothing to write.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
+    }
+
+    /// Bytes of the list with its sentinel and `more` bytes of other parameters; 0 where there is nothing to write.
+    pub fn encoded_len(&self, more: usize) -> usize {
+        const HEADER: usize = 4;
+        if self.is_empty() && more == 0 {
+            return 0;
+        }
+        let numbers = [
+            self.coherent_set,
+            self.group_sequence,
+            self.group_coherent_set,
+        ];
+        let numbers = numbers.iter().flatten().count();
+        HEADER
+            + more
+            + usize::from(self.key_hash.is_some()) * (HEADER + 16)
+            + usize::from(self.status != StatusInfo::default()) * (HEADER + 4)
+            + numbers * (HEADER + 8)
+            + usize::from(self.writer_group.is_some()) * (HEADER + 4)
+            + usize::from(self.lifespan.is_some()) * (HEADER + 8)
     }
 
     /// Reads a whole list up to its sentinel and moves the cursor behind it.
@@ -71,17 +114,35 @@ impl InlineQos {
                 ParameterId::STATUS_INFO => {
                     qos.status = StatusInfo::from_octet(value.array::<4>()?[3])
                 }
-                ParameterId::COHERENT_SET => {
-                    qos.coherent_set = Some(SequenceNumber::decode(&mut value)?)
-                }
-                _ => {}
+                _ => qos.decode_rare(id, &mut value)?,
             }
         }
         Ok(qos)
     }
 
-    /// Writes the list with its sentinel.
-    pub(in crate::wire) fn encode(&self, out: &mut Vec<u8>) {
+    fn decode_rare(&mut self, id: ParameterId, value: &mut Cursor<'_>) -> Result<(), WireError> {
+        match id {
+            ParameterId::COHERENT_SET => self.coherent_set = Some(SequenceNumber::decode(value)?),
+            ParameterId::GROUP_SEQ_NUM => {
+                self.group_sequence = Some(SequenceNumber::decode(value)?)
+            }
+            ParameterId::GROUP_COHERENT_SET => {
+                self.group_coherent_set = Some(SequenceNumber::decode(value)?)
+            }
+            ParameterId::WRITER_GROUP_INFO => self.writer_group = Some(GroupDigest(value.array()?)),
+            ParameterId::LIFESPAN => self.lifespan = Some(Duration::decode(value)?),
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Writes the list with its sentinel, and with it parameters that have been written already; nothing where there are
+    /// none.
+    pub(in crate::wire) fn encode(&self, more: &[u8], out: &mut Vec<u8>) {
+        if self.is_empty() && more.is_empty() {
+            return;
+        }
+        out.extend_from_slice(more);
         let mut list = ParameterWriter::new(out);
         if let Some(KeyHash(hash)) = self.key_hash {
             list.parameter(ParameterId::KEY_HASH, |value| {
@@ -93,9 +154,57 @@ impl InlineQos {
                 value.extend_from_slice(&[0, 0, 0, self.status.octet()])
             });
         }
-        if let Some(first) = self.coherent_set {
-            list.parameter(ParameterId::COHERENT_SET, |value| first.encode(value));
+        for (id, number) in [
+            (ParameterId::COHERENT_SET, self.coherent_set),
+            (ParameterId::GROUP_SEQ_NUM, self.group_sequence),
+            (ParameterId::GROUP_COHERENT_SET, self.group_coherent_set),
+        ] {
+            if let Some(number) = number {
+                list.parameter(id, |value| number.encode(value));
+            }
+        }
+        if let Some(GroupDigest(digest)) = self.writer_group {
+            list.parameter(ParameterId::WRITER_GROUP_INFO, |value| {
+                value.extend_from_slice(&digest)
+            });
+        }
+        if let Some(lifespan) = self.lifespan {
+            list.parameter(ParameterId::LIFESPAN, |value| lifespan.encode(value));
         }
         list.finish();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_length_is_known_before() {
+        let number = Some(SequenceNumber(7));
+        let status = StatusInfo {
+            unregistered: true,
+            ..StatusInfo::default()
+        };
+        let all = InlineQos {
+            key_hash: Some(KeyHash([1; 16])),
+            status,
+            coherent_set: number,
+            group_sequence: number,
+            group_coherent_set: number,
+            writer_group: Some(GroupDigest([1; 4])),
+            lifespan: Some(Duration::ZERO),
+        };
+        let some = InlineQos {
+            status,
+            group_sequence: number,
+            ..InlineQos::default()
+        };
+        for qos in [all, some] {
+            let mut out = Vec::new();
+            qos.encode(&[], &mut out);
+            assert_eq!(qos.encoded_len(0), out.len());
+        }
+        assert_eq!(InlineQos::default().encoded_len(0), 0);
     }
 }

@@ -15,9 +15,9 @@ pub use acknack::AckNack;
 pub use data::{Data, PayloadKind};
 pub use data_frag::DataFrag;
 pub use gap::Gap;
-pub use heartbeat::Heartbeat;
+pub use heartbeat::{Heartbeat, HeartbeatGroup};
 pub use heartbeat_frag::HeartbeatFrag;
-pub use inline_qos::{InlineQos, KeyHash, StatusInfo};
+pub use inline_qos::{GroupDigest, InlineQos, KeyHash, StatusInfo};
 pub use nack_frag::NackFrag;
 
 use super::{Cursor, Endianness, EntityId, GuidPrefix, Timestamp, WireError};

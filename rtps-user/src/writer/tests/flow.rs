@@ -201,3 +201,20 @@ fn a_reader_that_keeps_nothing_out_of_order_gets_its_fragments_first() {
         assert_eq!(repairs[2], "DATA_FRAG 2.1 to 1", "{repairs:?}");
     }
 }
+
+#[test]
+fn what_one_reader_has_acknowledged_is_known() {
+    let mut bench = Bench::new(reliable(Durability::Volatile));
+    for number in [1, 2] {
+        bench.match_reader(number, 7411, reliable(Durability::Volatile));
+    }
+    bench.match_reader(3, 7411, Qos::default());
+    bench.write(8);
+    bench.lines();
+    bench.acknack(1, 2, &[]);
+    let has = [1, 2, 3, 4].map(|number| {
+        let reader = reader_guid(number);
+        bench.writer.is_acknowledged_by(reader, SequenceNumber(1))
+    });
+    assert_eq!(has, [true, false, true, false]);
+}

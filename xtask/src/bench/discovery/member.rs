@@ -88,6 +88,7 @@ impl Member {
                     topic: format!("{direction}{serial}"),
                     type_name: "ShapeType".to_owned(),
                     type_information: Vec::new(),
+                    type_objects: Vec::new(),
                     content_filter: None,
                     qos: Qos::default(),
                 };

@@ -1,0 +1,139 @@
+//! TypeObjects are those that Cyclone DDS makes of the same types: `cyclone/types.idl` says how.
+
+use super::hex;
+use crate::DdsType;
+use crate::cdr::{DdsType, TypeSupport};
+
+#[derive(DdsType)]
+#[dds(final, type_name = "demo::Color")]
+enum Color {
+    #[dds(name = "RED")]
+    Red,
+    #[dds(name = "GREEN")]
+    Green,
+    #[dds(name = "BLUE")]
+    Blue,
+}
+
+#[derive(DdsType)]
+#[dds(final, bit_bound = 8, type_name = "demo::Small")]
+enum Small {
+    A,
+    B,
+    C,
+}
+
+#[derive(DdsType)]
+#[dds(final, type_name = "demo::Inner")]
+struct Inner {
+    a: i32,
+    b: f64,
+}
+
+#[derive(DdsType)]
+#[dds(type_name = "demo::Choice")]
+enum Choice {
+    #[dds(name = "num")]
+    Num(i32),
+    #[dds(name = "text", case = 1, case = 2)]
+    Text(String),
+    #[dds(name = "inner_value", default)]
+    Inner(Inner),
+}
+
+#[derive(DdsType)]
+#[dds(final, type_name = "demo::Tinted", discriminator = "Color")]
+enum Tinted {
+    #[dds(name = "strength", case = Color::Red, octet)]
+    Strength(u8),
+    #[dds(name = "remark", case = Color::Blue)]
+    Remark(String),
+}
+
+#[derive(DdsType)]
+#[dds(mutable, type_name = "demo::All")]
+struct All {
+    #[dds(key, id = 5)]
+    id_key: u32,
+    flag: bool,
+    letter: char,
+    #[dds(octet)]
+    byte: u8,
+    s: i16,
+    us: u16,
+    #[dds(id = 3)]
+    l: i32,
+    ul: u32,
+    #[dds(id = 20)]
+    ll: i64,
+    ull: u64,
+    f: f32,
+    d: f64,
+    name: String,
+    #[dds(bound = 20)]
+    short_name: String,
+    #[dds(bound = 300)]
+    long_name: String,
+    #[dds(octet)]
+    bytes: Vec<u8>,
+    #[dds(bound = 5)]
+    few: Vec<i32>,
+    #[dds(bound = 300)]
+    many: Vec<String>,
+    matrix: [[i32; 3]; 2],
+    inner_array: [Inner; 4],
+    the_color: Color,
+    the_small: Small,
+    the_inner: Inner,
+    the_choice: Choice,
+    the_tinted: Tinted,
+    inners: Vec<Inner>,
+    maybe: Option<i32>,
+    maybe_inner: Option<Inner>,
+    colors: Vec<Color>,
+    nested: Vec<Vec<i32>>,
+    large: [f32; 300],
+}
+
+#[derive(DdsType)]
+#[dds(type_name = "demo::ShapeType")]
+struct ShapeType {
+    #[dds(key, bound = 128)]
+    color: String,
+    x: i32,
+    y: i32,
+    shapesize: i32,
+    #[dds(octet)]
+    additional_payload_size: Vec<u8>,
+}
+
+#[test]
+fn a_struct() {
+    let TypeSupport {
+        information,
+        objects,
+    } = ShapeType::type_support();
+    assert_eq!(objects, hex(include_str!("cyclone/shape.objects.hex")));
+    assert_eq!(
+        information,
+        hex(include_str!("cyclone/shape.information.hex"))
+    );
+}
+
+#[test]
+fn every_kind_of_type() {
+    let TypeSupport {
+        information,
+        objects,
+    } = All::type_support();
+    assert_eq!(objects, hex(include_str!("cyclone/all.objects.hex")));
+    assert_eq!(
+        information,
+        hex(include_str!("cyclone/all.information.hex"))
+    );
+}
+
+#[test]
+fn a_type_that_refers_to_itself_is_not_described() {
+    assert_eq!(super::Node::type_support(), TypeSupport::default());
+}

@@ -1,0 +1,195 @@
+//! Readers that do not want everything.
+
+use super::*;
+use crate::filter::PayloadFilter;
+use crate::wire::PayloadKind;
+
+/// Wants the payloads that begin with that byte.
+fn only(first: u8) -> Option<PayloadFilter> {
+    Some(Arc::new(move |kind, payload: &[u8]| {
+        kind != PayloadKind::Data || payload.first() == Some(&first)
+    }))
+}
+
+impl Bench {
+    fn write_first(&mut self, first: u8, bytes: usize) {
+        let change = NewChange {
+            payload: vec![first; bytes].into(),
+            ..change(0)
+        };
+        self.writer.write(self.now, change).unwrap();
+    }
+
+    /// The submessages that went to a port.
+    fn lines_by_port<const N: usize>(&mut self, ports: [u16; N]) -> [Vec<String>; N] {
+        let sent = self.sent();
+        ports.map(|port| {
+            let here = sent
+                .iter()
+                .filter(|(to, _)| to.iter().any(|to| to.port() == port));
+            here.flat_map(|(_, lines)| lines.clone()).collect()
+        })
+    }
+}
+
+/// Reader 1 wants everything, reader 2 what begins with 2, reader 3 what begins with 3.
+fn filtered(qos: Qos) -> Bench {
+    let mut bench = Bench::new(qos.clone());
+    for number in 1..=3 {
+        bench.match_reader(number, 7410 + u16::from(number), qos.clone());
+    }
+    bench.writer.set_reader_filter(reader_guid(2), only(2));
+    bench.writer.set_reader_filter(reader_guid(3), only(3));
+    bench.lines();
+    bench
+}
+
+#[test]
+fn each_gets_what_it_wants_and_is_told_what_it_does_not_get() {
+    let mut bench = filtered(reliable(Durability::Volatile));
+    for first in [2, 2, 3, 1] {
+        bench.write_first(first, 8);
+    }
+    let [all, two, three] = bench.lines_by_port([7411, 7412, 7413]);
+    let everything: Vec<_> = (1..=4)
+        .map(|number| format!("DATA {number} to 1"))
+        .collect();
+    assert_eq!(all, everything);
+    assert_eq!(two, ["DATA 1 to 2", "DATA 2 to 2", "GAP 3..5 [] to 2"]);
+    assert_eq!(
+        three,
+        ["GAP 1..3 [] to 3", "DATA 3 to 3", "GAP 4..5 [] to 3"]
+    );
+    for reader in 1..=3 {
+        bench.acknack(reader, 5, &[]);
+    }
+    assert!(bench.writer.all_acknowledged());
+    assert!(bench.writer.history.is_empty());
+}
+
+#[test]
+fn what_all_want_goes_to_all_at_once() {
+    let mut bench = filtered(reliable(Durability::Volatile));
+    bench.writer.set_reader_filter(reader_guid(3), only(2));
+    bench.write_first(2, 8);
+    bench.write_first(1, 8);
+    bench.write_first(2, 8);
+    let [all, two, _] = bench.lines_by_port([7411, 7412, 7413]);
+    assert_eq!(all, ["DATA 1 to all", "DATA 2 to 1", "DATA 3 to all"]);
+    assert_eq!(two, ["DATA 1 to all", "GAP 2..3 [] to 2", "DATA 3 to all"]);
+}
+
+#[test]
+fn best_effort_readers_are_told_nothing() {
+    let mut bench = filtered(Qos {
+        history: History::KeepAll,
+        ..Qos::default()
+    });
+    for first in [1, 2, 3] {
+        bench.write_first(first, 8);
+    }
+    let [_, two, three] = bench.lines_by_port([7411, 7412, 7413]);
+    assert_eq!(two, ["DATA 2 to 2"]);
+    assert_eq!(three, ["DATA 3 to 3"]);
+    assert!(bench.writer.history.is_empty());
+}
+
+#[test]
+fn large_changes_go_in_fragments_to_those_that_want_them() {
+    let mut bench = filtered(reliable(Durability::Volatile));
+    bench.write_first(2, 4000);
+    let [all, two, three] = bench.lines_by_port([7411, 7412, 7413]);
+    for lines in [all, two] {
+        let fragments = lines.iter().filter(|line| line.starts_with("DATA_FRAG 1."));
+        assert_eq!(fragments.count(), 3);
+    }
+    assert_eq!(three, ["GAP 1..2 [] to 3"]);
+}
+
+#[test]
+fn repairs_are_filtered_as_well() {
+    let mut bench = filtered(reliable(Durability::Volatile));
+    for first in [1, 2, 1, 1, 2] {
+        bench.write_first(first, 8);
+    }
+    bench.lines();
+    bench.acknack(2, 1, &[1, 2, 3, 4, 5]);
+    let [two] = bench.lines_by_port([7412]);
+    assert_eq!(
+        two[..3],
+        ["GAP 1..2 [3, 4] to 2", "DATA 2 to 2", "DATA 5 to 2"]
+    );
+}
+
+#[test]
+fn late_joiners_get_of_the_past_what_they_want() {
+    for reliability in [Reliability::RELIABLE, Reliability::BestEffort] {
+        let qos = Qos {
+            reliability,
+            ..reliable(Durability::TransientLocal)
+        };
+        let mut bench = Bench::new(qos.clone());
+        for first in [1, 2, 1] {
+            bench.write_first(first, 8);
+        }
+        bench.match_reader(2, 7412, qos);
+        bench.writer.set_reader_filter(reader_guid(2), only(2));
+        if reliability.is_reliable() {
+            bench.lines();
+            bench.acknack(2, 1, &[1, 2, 3]);
+        }
+        let mut lines = bench.lines();
+        lines.retain(|line| line.starts_with("DATA"));
+        assert_eq!(lines, ["DATA 2 to 2"], "{reliability:?}");
+    }
+}
+
+#[test]
+fn what_waits_to_be_repeated_does_not_hold_up_what_is_new() {
+    let mut bench = filtered(reliable(Durability::Volatile));
+    bench.write_first(2, 8);
+    bench.lines();
+    for _ in 0..2 {
+        bench.acknack(2, 1, &[1]);
+        bench.lines();
+    }
+    bench.write_first(2, 8);
+    let [two] = bench.lines_by_port([7412]);
+    assert_eq!(two, ["DATA 2 to 2"], "1 was repeated a moment ago");
+    let lines = bench.pass(Duration::from_millis(5));
+    assert!(lines.contains(&"DATA 1 to 2".to_owned()), "{lines:?}");
+}
+
+#[test]
+fn a_filter_that_is_taken_back_filters_no_more() {
+    let mut bench = filtered(reliable(Durability::Volatile));
+    for reader in [2, 3] {
+        bench.writer.set_reader_filter(reader_guid(reader), None);
+    }
+    bench.write_first(1, 8);
+    assert_eq!(bench.lines(), ["DATA 1 to all"]);
+}
+
+#[test]
+fn a_thousand_unwanted_changes_are_few_gaps() {
+    let mut bench = filtered(reliable(Durability::TransientLocal));
+    for _ in 0..1000 {
+        bench.write_first(1, 8);
+        bench.lines();
+    }
+    bench.match_reader(4, 7414, reliable(Durability::TransientLocal));
+    bench.writer.set_reader_filter(reader_guid(4), only(4));
+    bench.lines();
+    let mut base = 1;
+    for answers in 1.. {
+        bench.acknack(4, base, &[base]);
+        let lines = bench.pass(Duration::from_millis(3));
+        let gap = lines.iter().find(|line| line.starts_with("GAP")).unwrap();
+        let (_, end) = gap.split_once("..").unwrap();
+        base = end.split(' ').next().unwrap().parse().unwrap();
+        if base > 1000 {
+            assert!(answers < 8);
+            break;
+        }
+    }
+}
