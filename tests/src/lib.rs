@@ -7,8 +7,7 @@
 //! - [`stage`], [`stream`]: two hosts with programs on them, and samples on their way, of which none may be missing
 //! - [`packet`]: frames and RTPS messages for the kernel verdict tables
 //! - [`process`]: child processes that end with the test
-//! - [`peers`], [`ddsperf`]: publishers and subscribers on Cyclone DDS and Fast DDS, and Cyclone DDS's own measure
-//! - [`rustdds`]: RustDDS, for benchmarks
+//! - [`peers`], [`ddsperf`]: publishers and subscribers on other vendors' libraries, and Cyclone DDS's own measure
 //! - [`capture`]: what was on the wire, decoded by tshark
 //! - [`debian`], [`require`]: what a machine lacks, and why a test is skipped
 //!
@@ -28,7 +27,6 @@ pub mod pass_all;
 pub mod peers;
 pub mod process;
 pub mod require;
-pub mod rustdds;
 pub mod stage;
 pub mod stream;
 mod sys;

@@ -143,6 +143,15 @@ impl Netns {
         Ok(command)
     }
 
+    /// Takes IPv6 away from all interfaces, and from those to come.
+    ///
+    /// # Errors
+    /// When the kernel refuses.
+    pub fn disable_ipv6(&self) -> Result<()> {
+        let setting = "/proc/sys/net/ipv6/conf/all/disable_ipv6";
+        Ok(self.enter(|| ignore_missing(fs::write(setting, "1")))?)
+    }
+
     /// Runs `ip` with arguments separated by spaces and fails with its words.
     pub fn ip(&self, arguments: &str) -> Result<()> {
         let output = self

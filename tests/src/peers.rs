@@ -1,20 +1,24 @@
-//! Publishers and subscribers of ShapeType on other vendors' libraries, taken unmodified from
-//! Debian.
+//! Publishers and subscribers of ShapeType on other vendors' libraries, taken unmodified from Debian, PyPI and
+//! crates.io.
 //!
 //! The programs are in `tests/peers`; they are built into `<cargo target>/peers` when their
 //! sources changed, and missing Debian packages are installed first when this process is root.
-//! Both have the same command line (`--help` prints it) and print one JSON object a line:
+//! All have the same command line (`peer.c` prints it) and print one JSON object a line:
 //! `matched`, `sample` (its number in `x`), `disposed`, `unregistered`, `incompatible_qos`,
 //! `liveliness`, `deadline_missed`, `error`, `done`. They exit with 0 when `--count` is reached.
+//! The programs in Python and Rust know the options that the matrix of vendors needs, and of the events the same.
+
+mod debian_c;
+mod python;
+mod rust;
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use nix::fcntl::{Flock, FlockArg};
 
-use crate::debian::{self, Package};
 use crate::link::Interface;
 use crate::netns::Netns;
 
@@ -33,12 +37,45 @@ pub fn cyclone() -> Result<Peer> {
     Peer::build(Vendor::Cyclone)
 }
 
+/// Eclipse Cyclone DDS 11, by its Python binding.
+///
+/// # Errors
+/// Without Python, or when the binding cannot be installed.
+pub fn cyclone11() -> Result<Peer> {
+    Peer::build(Vendor::Cyclone11)
+}
+
 /// eProsima Fast DDS 2.9; it knows XCDR1 only and disposes by key hash only.
 ///
 /// # Errors
 /// Without a compiler or the library, with the command that installs them.
 pub fn fast_dds() -> Result<Peer> {
     Peer::build(Vendor::FastDds)
+}
+
+/// Atostek RustDDS 0.15; it knows neither PARTITION nor unregistering.
+///
+/// # Errors
+/// When cargo cannot get or build it.
+pub fn rust_dds() -> Result<Peer> {
+    Peer::build(Vendor::RustDds)
+}
+
+/// RustDDS again: round trips and streams, measured like those of `rtps perf`, with its command line as far as
+/// benchmarks use it; its events are `ready` and `summary`.
+///
+/// # Errors
+/// When cargo cannot get or build it.
+pub fn rust_dds_perf() -> Result<Peer> {
+    Peer::build(Vendor::RustDdsPerf)
+}
+
+/// S2E's dust_dds 0.16.
+///
+/// # Errors
+/// When cargo cannot get or build it.
+pub fn dust_dds() -> Result<Peer> {
+    Peer::build(Vendor::DustDds)
 }
 
 /// Cyclone DDS again: one participant with many endpoints that tells when all are matched, for measurements of
@@ -59,6 +96,17 @@ pub fn fast_dds_perf() -> Result<Peer> {
     Peer::build(Vendor::FastDdsPerf)
 }
 
+/// Builds every peer that tests start, so that no test has to.
+///
+/// # Errors
+/// Those of the single peers.
+pub fn build_all() -> Result<()> {
+    for build in [cyclone, cyclone11, fast_dds, rust_dds, dust_dds] {
+        build()?;
+    }
+    Ok(())
+}
+
 impl Peer {
     /// The program's file.
     #[must_use]
@@ -76,17 +124,20 @@ impl Peer {
     #[must_use]
     pub fn command(&self, netns: &Netns, interface: &Interface, arguments: &str) -> Command {
         let mut command = netns.command(&self.program);
-        command
-            .args(arguments.split_whitespace())
-            .arg("--interface");
-        match self.vendor {
-            Vendor::Cyclone | Vendor::CycloneDiscovery => command.arg(&interface.name),
-            Vendor::FastDds | Vendor::FastDdsPerf => command.arg(interface.v4.to_string()),
+        command.args(arguments.split_whitespace());
+        let interface = match self.vendor {
+            Vendor::Cyclone | Vendor::CycloneDiscovery | Vendor::Cyclone11 | Vendor::DustDds => {
+                interface.name.clone()
+            }
+            Vendor::FastDds | Vendor::FastDdsPerf | Vendor::RustDds => interface.v4.to_string(),
+            // It takes whatever there is.
+            Vendor::RustDdsPerf => return command,
         };
+        command.args(["--interface", &interface]);
         command
     }
 
-    /// As [`Peer::command`], for a program that uses IPv6 and nothing else.
+    /// As [`Peer::command`], for a program that uses IPv6 and nothing else; Cyclone DDS and Fast DDS can.
     #[must_use]
     pub fn command_over_ipv6(
         &self,
@@ -97,11 +148,14 @@ impl Peer {
         const CYCLONE: &str = "<General><Transport>udp6</Transport></General>";
         let mut command = self.command(netns, interface, arguments);
         match self.vendor {
-            Vendor::Cyclone | Vendor::CycloneDiscovery => command.env("CYCLONEDDS_URI", CYCLONE),
+            Vendor::Cyclone | Vendor::CycloneDiscovery | Vendor::Cyclone11 => {
+                command.env("CYCLONEDDS_URI", CYCLONE)
+            }
             // The last one counts.
             Vendor::FastDds | Vendor::FastDdsPerf => {
                 command.args(["--interface", &interface.v6.to_string()])
             }
+            Vendor::RustDds | Vendor::RustDdsPerf | Vendor::DustDds => &mut command,
         };
         command
     }
@@ -121,10 +175,9 @@ impl Peer {
                 Flock::lock(lock, FlockArg::LockExclusive).map_err(|(_file, error)| error)?;
             // Another process may have built it meanwhile.
             if !is_current() {
-                debian::ensure_installed(vendor.packages())?;
                 eprintln!("building the {} peer", vendor.name());
                 vendor
-                    .compile(&directory, &program)
+                    .make(&directory, &program)
                     .with_context(|| format!("building the {} peer", vendor.name()))?;
                 fs::write(&stamp, &wanted)?;
             }
@@ -136,56 +189,33 @@ impl Peer {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Vendor {
     Cyclone,
+    Cyclone11,
     CycloneDiscovery,
     FastDds,
     FastDdsPerf,
+    RustDds,
+    RustDdsPerf,
+    DustDds,
 }
 
 impl Vendor {
     fn name(self) -> &'static str {
         match self {
             Self::Cyclone => "cyclone",
+            Self::Cyclone11 => "cyclone11",
             Self::CycloneDiscovery => "cyclone-discovery",
             Self::FastDds => "fastdds",
             Self::FastDdsPerf => "fastdds-perf",
-        }
-    }
-
-    fn packages(self) -> &'static [Package] {
-        const GCC: Package = Package::new("gcc", "/usr/bin/gcc");
-        const GXX: Package = Package::new("g++", "/usr/bin/g++");
-        const LIBC: Package = Package::new("libc6-dev", "/usr/include/stdio.h");
-        match self {
-            Self::Cyclone | Self::CycloneDiscovery => {
-                &const {
-                    [
-                        GCC,
-                        LIBC,
-                        Package::new("cyclonedds-dev", "/usr/include/dds/dds.h"),
-                        Package::new("cyclonedds-tools", "/usr/bin/idlc"),
-                    ]
-                }
-            }
-            Self::FastDds | Self::FastDdsPerf => {
-                &const {
-                    [
-                        GCC,
-                        GXX,
-                        LIBC,
-                        Package::new("libfastcdr-dev", "/usr/include/fastcdr/Cdr.h"),
-                        Package::new(
-                            "libfastrtps-dev",
-                            "/usr/include/fastdds/dds/topic/TopicDataType.hpp",
-                        ),
-                    ]
-                }
-            }
+            Self::RustDds => "rustdds-shapes",
+            Self::RustDdsPerf => "rustdds-perf",
+            Self::DustDds => "dustdds-shapes",
         }
     }
 
     fn sources(self) -> &'static [&'static str] {
         match self {
             Self::Cyclone => &["peer.h", "peer.c", "ShapeType.idl", "cyclone.c"],
+            Self::Cyclone11 => python::SOURCES,
             Self::CycloneDiscovery => &["peer.h", "peer.c", "ShapeType.idl", "discovery.c"],
             Self::FastDds => &[
                 "peer.h",
@@ -195,6 +225,7 @@ impl Vendor {
                 "fastdds.cpp",
             ],
             Self::FastDdsPerf => &["peer.h", "peer.c", "fastdds_perf.cpp"],
+            Self::RustDds | Self::RustDdsPerf | Self::DustDds => rust::SOURCES,
         }
     }
 
@@ -203,90 +234,30 @@ impl Vendor {
         self.sources()
             .iter()
             .map(|name| {
-                let path = sources_dir().join(name);
+                let path = source(name);
                 fs::read_to_string(&path).with_context(|| format!("reading {}", path.display()))
             })
             .collect()
     }
 
-    fn compile(self, directory: &Path, program: &Path) -> Result<()> {
-        let directory = directory.join(format!("{}.build", self.name()));
-        fs::create_dir_all(&directory)?;
-        let workshop = Workshop { directory };
-        workshop.compile_c("peer.o", &source("peer.c"), &[])?;
-        match self {
-            Self::Cyclone => workshop.cyclone("cyclone.c")?,
-            Self::CycloneDiscovery => workshop.cyclone("discovery.c")?,
-            Self::FastDds => workshop.fast_dds(&["fastdds.cpp", "shape_type.cpp"], "-O1")?,
-            Self::FastDdsPerf => workshop.fast_dds(&["fastdds_perf.cpp"], "-O2")?,
-        }
-        // Replaced as a whole: an older program of that name may be running.
-        fs::rename(workshop.directory.join("program"), program)?;
-        Ok(())
-    }
-}
-
-/// The directory where a peer is compiled, into a file `program`.
-struct Workshop {
-    directory: PathBuf,
-}
-
-impl Workshop {
-    fn cyclone(&self, program: &str) -> Result<()> {
-        for extensibility in ["final", "appendable"] {
-            fs::create_dir_all(self.directory.join(extensibility))?;
-            self.run(
-                Command::new("idlc")
-                    .args(["-x", extensibility, "-o", extensibility])
-                    .arg(source("ShapeType.idl")),
-            )?;
-            let rename = format!("-DShapeType_desc=ShapeType_{extensibility}_desc");
-            self.compile_c(
-                &format!("{extensibility}.o"),
-                &self.directory.join(extensibility).join("ShapeType.c"),
-                &[&rename],
-            )?;
-        }
-        // The struct is the same in both headers.
-        self.compile_c("cyclone.o", &source(program), &["-Ifinal"])?;
-        self.run(Command::new("gcc").args([
-            "-o",
-            "program",
-            "cyclone.o",
-            "peer.o",
-            "final.o",
-            "appendable.o",
-            "-lddsc",
-        ]))
-    }
-
-    fn fast_dds(&self, sources: &[&str], optimization: &str) -> Result<()> {
-        self.run(
-            Command::new("g++")
-                .args(["-std=c++17", optimization, "-o", "program"])
-                .args(sources.iter().map(|name| source(name)))
-                .args(["peer.o", "-lfastrtps"]),
-        )
-    }
-
-    fn compile_c(&self, object: &str, source: &Path, flags: &[&str]) -> Result<()> {
-        self.run(
-            Command::new("gcc")
-                .args(["-O2", "-c", "-o", object])
-                .args(flags)
-                .arg(source),
-        )
-    }
-
-    fn run(&self, command: &mut Command) -> Result<()> {
-        let output = command
-            .current_dir(&self.directory)
-            .output()
-            .with_context(|| format!("running {}", command.get_program().display()))?;
-        if !output.status.success() {
-            let words = String::from_utf8_lossy(&output.stderr);
-            bail!("{} failed:\n{words}", command.get_program().display());
-        }
+    /// Makes the program, replaced as a whole: an older one of that name may be running.
+    fn make(self, directory: &Path, program: &Path) -> Result<()> {
+        let made = match self {
+            Self::Cyclone => debian_c::cyclone(directory, self.name(), "cyclone.c")?,
+            Self::CycloneDiscovery => debian_c::cyclone(directory, self.name(), "discovery.c")?,
+            Self::FastDds => {
+                let sources = ["fastdds.cpp", "shape_type.cpp"];
+                debian_c::fast_dds(directory, self.name(), &sources, "-O1")?
+            }
+            Self::FastDdsPerf => {
+                debian_c::fast_dds(directory, self.name(), &["fastdds_perf.cpp"], "-O2")?
+            }
+            Self::Cyclone11 => python::cyclone11(directory)?,
+            Self::RustDds | Self::RustDdsPerf | Self::DustDds => {
+                rust::build(directory, self.name())?
+            }
+        };
+        fs::rename(made, program)?;
         Ok(())
     }
 }
@@ -300,12 +271,23 @@ fn is_runnable(program: &Path) -> bool {
         .is_ok_and(|output| output.status.code().is_some_and(|code| code != CANNOT_LOAD))
 }
 
-fn sources_dir() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("peers")
+/// Runs a command that makes something; an error with what it said when it fails.
+fn run(command: &mut Command) -> Result<()> {
+    let output = command
+        .output()
+        .with_context(|| format!("running {}", command.get_program().display()))?;
+    if !output.status.success() {
+        let words = String::from_utf8_lossy(&output.stderr);
+        anyhow::bail!("{} failed:\n{words}", command.get_program().display());
+    }
+    Ok(())
 }
 
+/// A file of `tests/peers`.
 fn source(name: &str) -> PathBuf {
-    sources_dir().join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("peers")
+        .join(name)
 }
 
 /// Where cargo puts the results of this build: the marked directory above the running program.

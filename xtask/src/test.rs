@@ -1,15 +1,15 @@
 //! `cargo xtask test`: everything that must hold, in one run with one closing line.
 //!
 //! Formatting, lints and the committed BPF object are checked first, because they are quick to tell; then the
-//! binaries that the network tests start are built, then every test of the workspace runs. Tests that need root,
-//! or a program that can't be had here, print why they skip.
+//! binaries and peers that the network tests start are built, then every test of the workspace runs. Tests that need
+//! root, or a program that can't be had here, print why they skip.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
 
 use anyhow::{Context, Result, bail};
 
-use rtps_tests::binaries;
+use rtps_tests::{binaries, peers};
 
 use crate::build_ebpf;
 
@@ -34,6 +34,7 @@ pub(crate) fn run() -> Result<()> {
     tally.step("the binaries that the tests start", || {
         binaries::build().map(|_| ())
     });
+    tally.step("other vendors' programs", peers_build);
     tally.cargo_test()?;
     println!("{} passed, {} failed", tally.passed, tally.failed);
     if tally.failed > 0 {
@@ -51,6 +52,15 @@ fn object_check() -> Result<()> {
         return Ok(());
     }
     build_ebpf::run(&build_ebpf::Arguments { check: true })
+}
+
+/// Before the tests, whose programs would be slow beside a compiler.
+fn peers_build() -> Result<()> {
+    if !nix::unistd::geteuid().is_root() {
+        println!("skipped: the tests that need them need root");
+        return Ok(());
+    }
+    peers::build_all()
 }
 
 #[derive(Default)]

@@ -52,7 +52,7 @@ impl Source<'_> {
     }
 }
 
-/// The things to be sent to one reader, in the order of their fields.
+/// The things to be sent to one reader, in the order of their fields; but fragments of a change go before later changes.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Outbox {
     /// What it gets instead of what goes to all. That waits for nothing.
@@ -84,6 +84,8 @@ impl Outbox {
     /// So many sets of fragments are kept, more than a reader can ask for in one datagram; it repeats what is
     /// forgotten.
     const MAX_FRAGMENT_REQUESTS: usize = 32;
+    /// Above every change.
+    const NO_END: SequenceNumber = SequenceNumber(i64::MAX);
     /// Time must pass, or else what waits would be looked at for ever.
     const MIN_PAUSE: Duration = Duration::from_millis(1);
 
@@ -166,7 +168,9 @@ impl Outbox {
             return;
         };
         if self.fragments.len() < Self::MAX_FRAGMENT_REQUESTS {
-            self.fragments.push_back(request);
+            let earlier = |other: &FragmentRequest| other.sequence() <= sequence;
+            let place = self.fragments.partition_point(earlier);
+            self.fragments.insert(place, request);
             let allowed_at = self
                 .suppressed_fragments
                 .allowed_at(now, first)
@@ -234,8 +238,9 @@ impl Outbox {
             return true;
         }
         let before = packet.len();
-        let is_done = self.fill_changes(now, source, timing, packet)
-            && self.fill_fragments(now, source, timing, packet)
+        let is_done = self.fill_earlier_fragments(now, source, timing, packet)
+            && self.fill_changes(now, source, timing, packet)
+            && self.fill_fragments(now, source, timing, packet, Self::NO_END)
             && self.fill_replay(source, packet);
         self.budget = self.budget.saturating_sub(packet.len() - before);
         is_done
@@ -319,14 +324,31 @@ impl Outbox {
         is_done
     }
 
-    fn fill_fragments(
+    /// A reader that keeps nothing out of order makes no use of later changes before it has these, and asks again for
+    /// all of them: if those went first, it would never get on.
+    fn fill_earlier_fragments(
         &mut self,
         now: Instant,
         source: &Source<'_>,
         timing: &WriterTiming,
         packet: &mut Packet<'_>,
     ) -> bool {
-        while let Some(request) = self.fragments.front_mut() {
+        let changes = self.changes.as_ref();
+        let end = changes.map_or(Self::NO_END, |request| request.position().sequence);
+        self.fill_fragments(now, source, timing, packet, end)
+    }
+
+    /// Appends fragments of the changes below `end`.
+    fn fill_fragments(
+        &mut self,
+        now: Instant,
+        source: &Source<'_>,
+        timing: &WriterTiming,
+        packet: &mut Packet<'_>,
+        end: SequenceNumber,
+    ) -> bool {
+        let is_early = |request: &&mut FragmentRequest| request.sequence() < end;
+        while let Some(request) = self.fragments.front_mut().filter(is_early) {
             if let Some(first) = request.next().filter(|_| !request.has_begun()) {
                 self.suppressed_fragments.begin(now, first, timing);
             }

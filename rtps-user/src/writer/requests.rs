@@ -171,6 +171,11 @@ impl FragmentRequest {
         self.next().is_some()
     }
 
+    /// The change that the fragments are of.
+    pub(super) fn sequence(&self) -> SequenceNumber {
+        self.sequence
+    }
+
     /// The next fragment that is asked for.
     pub(super) fn next(&self) -> Option<Position> {
         let fragment = self.missing.iter().find(|member| *member >= self.next)?;

@@ -1,8 +1,9 @@
-//! Best-effort samples: what arrives is in order and none comes twice.
+//! Best-effort readers: what arrives is in order and none comes twice. The [`matrix`](crate::matrix) has this with every
+//! vendor.
 
 use anyhow::{Context, Result, ensure};
 use rtps_tests::layer::Layer;
-use rtps_tests::peers::{self, Peer};
+use rtps_tests::peers;
 use rtps_tests::process::Process;
 
 use crate::flow;
@@ -11,56 +12,23 @@ use crate::stage::Stage;
 
 /// The publisher goes on until the subscriber has this many: which of them are first depends on the match.
 const WANTED: u64 = 100;
-const PUBLISHER: &str = "--pub --best-effort --period-us 1000 --timeout 50";
+pub(crate) const PUBLISHER: &str = "--pub --best-effort --period-us 1000 --timeout 50";
 
-on_both_layers! {
-    cyclone_to_app,
-    fast_dds_to_app,
-    app_to_cyclone,
-    app_to_fast_dds,
-    reliable_writer_to_best_effort_reader,
-}
+on_both_layers! { reliable_writer_to_best_effort_reader }
 
-fn subscriber() -> String {
+pub(crate) fn subscriber() -> String {
     format!("--sub --best-effort --count {WANTED} --timeout 50")
-}
-
-fn cyclone_to_app(layer: Layer) -> Result<()> {
-    peer_to_app(layer, &peers::cyclone()?, PUBLISHER)
-}
-
-fn fast_dds_to_app(layer: Layer) -> Result<()> {
-    peer_to_app(layer, &peers::fast_dds()?, PUBLISHER)
 }
 
 fn reliable_writer_to_best_effort_reader(layer: Layer) -> Result<()> {
     let publisher = "--pub --reliable --period-us 1000 --timeout 50";
-    peer_to_app(layer, &peers::cyclone()?, publisher)
-}
-
-fn peer_to_app(layer: Layer, peer: &Peer, publisher: &str) -> Result<()> {
     let stage = Stage::new("best-effort")?;
     let host = stage.near(layer)?;
     let app = host.app(&subscriber())?;
-    ensure_order(stage.peer(peer, publisher)?, app)
+    ensure_order(stage.peer(&peers::cyclone()?, publisher)?, app)
 }
 
-fn app_to_cyclone(layer: Layer) -> Result<()> {
-    app_to_peer(layer, &peers::cyclone()?)
-}
-
-fn app_to_fast_dds(layer: Layer) -> Result<()> {
-    app_to_peer(layer, &peers::fast_dds()?)
-}
-
-fn app_to_peer(layer: Layer, peer: &Peer) -> Result<()> {
-    let stage = Stage::new("best-effort")?;
-    let host = stage.near(layer)?;
-    let subscriber = stage.peer(peer, &subscriber())?;
-    ensure_order(host.app(PUBLISHER)?, subscriber)
-}
-
-fn ensure_order(publisher: Process, mut subscriber: Process) -> Result<()> {
+pub(crate) fn ensure_order(publisher: Process, mut subscriber: Process) -> Result<()> {
     subscriber
         .wait_success(flow::END)
         .with_context(|| format!("the publisher's output:\n{}", publisher.text()))?;

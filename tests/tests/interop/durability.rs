@@ -9,7 +9,7 @@ use crate::flow::{self, EVERYTHING};
 use crate::layers::{on_both_layers, on_every_layer};
 use crate::stage::Stage;
 
-const SAMPLES: u64 = 60;
+pub(crate) const SAMPLES: u64 = 60;
 const DEPTH: u64 = 5;
 
 on_every_layer! {
@@ -64,11 +64,11 @@ fn keep_last() -> String {
 }
 
 /// The writer goes on living after its last sample.
-fn publisher(history: &str) -> String {
+pub(crate) fn publisher(history: &str) -> String {
     format!("--pub {EVERYTHING} --count {SAMPLES} --wait-match 0 --linger 50 {history}")
 }
 
-fn subscriber(count: u64) -> String {
+pub(crate) fn subscriber(count: u64) -> String {
     format!("--sub {EVERYTHING} --count {count}")
 }
 
@@ -92,7 +92,7 @@ fn peer_joins_late(layer: Layer, peer: &Peer, history: &str, kept: u64) -> Resul
 }
 
 /// The late reader gets the last `kept` samples and none before them.
-fn ensure_kept(mut late: Process, kept: u64) -> Result<()> {
+pub(crate) fn ensure_kept(mut late: Process, kept: u64) -> Result<()> {
     late.wait_success(flow::END)?;
     let numbers = flow::numbers(&late);
     ensure!(

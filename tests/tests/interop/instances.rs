@@ -1,10 +1,9 @@
-//! Keyed instances and their ends, seen on the other side.
+//! Keyed instances and their ends, seen on the other side. The [`matrix`](crate::matrix) has this with every vendor.
 
 use std::collections::BTreeSet;
 
 use anyhow::{Result, ensure};
 use rtps_tests::layer::Layer;
-use rtps_tests::peers::{self, Peer};
 use rtps_tests::process::Process;
 
 use crate::flow::{self, EVERYTHING};
@@ -14,49 +13,7 @@ use crate::stage::Stage;
 const SAMPLES: u64 = 30;
 const COLORS: [&str; 3] = ["BLUE", "BLUE1", "BLUE2"];
 
-on_both_layers! {
-    cyclone_disposes,
-    cyclone_unregisters,
-    fast_dds_disposes_by_key_hash,
-    fast_dds_unregisters_by_key_hash,
-    app_disposes_for_cyclone,
-    app_unregisters_for_cyclone,
-    app_disposes_for_fast_dds,
-    app_unregisters_for_fast_dds,
-    app_disposes_for_app,
-}
-
-fn cyclone_disposes(layer: Layer) -> Result<()> {
-    peer_ends(layer, &peers::cyclone()?, "dispose", "disposed")
-}
-
-fn cyclone_unregisters(layer: Layer) -> Result<()> {
-    peer_ends(layer, &peers::cyclone()?, "unregister", "unregistered")
-}
-
-fn fast_dds_disposes_by_key_hash(layer: Layer) -> Result<()> {
-    peer_ends(layer, &peers::fast_dds()?, "dispose", "disposed")
-}
-
-fn fast_dds_unregisters_by_key_hash(layer: Layer) -> Result<()> {
-    peer_ends(layer, &peers::fast_dds()?, "unregister", "unregistered")
-}
-
-fn app_disposes_for_cyclone(layer: Layer) -> Result<()> {
-    app_ends(layer, &peers::cyclone()?, "dispose", "disposed")
-}
-
-fn app_unregisters_for_cyclone(layer: Layer) -> Result<()> {
-    app_ends(layer, &peers::cyclone()?, "unregister", "unregistered")
-}
-
-fn app_disposes_for_fast_dds(layer: Layer) -> Result<()> {
-    app_ends(layer, &peers::fast_dds()?, "dispose", "disposed")
-}
-
-fn app_unregisters_for_fast_dds(layer: Layer) -> Result<()> {
-    app_ends(layer, &peers::fast_dds()?, "unregister", "unregistered")
-}
+on_both_layers! { app_disposes_for_app }
 
 fn app_disposes_for_app(layer: Layer) -> Result<()> {
     let stage = Stage::new("instances")?;
@@ -66,36 +23,20 @@ fn app_disposes_for_app(layer: Layer) -> Result<()> {
     ensure_ends(publisher, subscriber, "disposed")
 }
 
-fn peer_ends(layer: Layer, peer: &Peer, end: &str, event: &str) -> Result<()> {
-    let stage = Stage::new("instances")?;
-    let host = stage.near(layer)?;
-    let app = host.app(&subscriber())?;
-    let publisher = stage.peer(peer, &publisher(end))?;
-    ensure_ends(publisher, app, event)
-}
-
-fn app_ends(layer: Layer, peer: &Peer, end: &str, event: &str) -> Result<()> {
-    let stage = Stage::new("instances")?;
-    let host = stage.near(layer)?;
-    let subscriber = stage.peer(peer, &subscriber())?;
-    let app = host.app(&publisher(end))?;
-    ensure_ends(app, subscriber, event)
-}
-
 /// Runs on when the samples are there: the ends come after them.
-fn subscriber() -> String {
+pub(crate) fn subscriber() -> String {
     format!("--sub {EVERYTHING}")
 }
 
 /// Stays after the ends: a writer that goes takes its instances with it.
-fn publisher(end: &str) -> String {
+pub(crate) fn publisher(end: &str) -> String {
     format!(
         "--pub {EVERYTHING} --count {SAMPLES} --instances {} --period-us 500 --{end} --linger 50",
         COLORS.len()
     )
 }
 
-fn ensure_ends(publisher: Process, mut subscriber: Process, event: &str) -> Result<()> {
+pub(crate) fn ensure_ends(publisher: Process, mut subscriber: Process, event: &str) -> Result<()> {
     let mut missing = BTreeSet::from(COLORS);
     while !missing.is_empty() {
         let end = subscriber.wait_json_event(|seen| seen["event"] == event, flow::END)?;

@@ -1,7 +1,5 @@
 //! IPv6: alone, beside IPv4, with nothing but link-local addresses, and not at all.
 
-use std::fs;
-
 use anyhow::Result;
 use rtps_tests::layer::Layer;
 use rtps_tests::peers::{self, Peer};
@@ -108,10 +106,7 @@ fn peers_of_both_families(layer: Layer) -> Result<()> {
 fn a_host_without_ipv6(layer: Layer) -> Result<()> {
     let stage = Stage::new("no-v6")?;
     let [near, _far] = stage.hosts();
-    near.netns.enter(|| {
-        let setting = "/proc/sys/net/ipv6/conf/all/disable_ipv6";
-        fs::write(setting, "1")
-    })?;
+    near.netns.disable_ipv6()?;
     between(&stage, layer, layer)
 }
 

@@ -115,14 +115,14 @@ fn between_hosts(layer: Layer, loss: Loss, samples: u64, size: u64) -> Result<()
 }
 
 /// The reader stays until its last acknowledgement has got through: whoever waits for it would wait for ever.
-fn arguments(samples: u64, size: u64) -> Arguments {
+pub(crate) fn arguments(samples: u64, size: u64) -> Arguments {
     let mut arguments = Arguments::reliable(samples, 1, &format!("--size {size}"));
     arguments.subscriber += " --linger 2";
     arguments
 }
 
 /// Without this the tests would prove nothing. Few packets go towards the writer: perhaps none of them is lost.
-fn ensure_lost([near, far]: &[Lossy; 2]) -> Result<()> {
+pub(crate) fn ensure_lost([near, far]: &[Lossy; 2]) -> Result<()> {
     let (near, far) = (near.count()?, far.count()?);
     ensure!(near.dropped + far.dropped > 0, "{near:?}, {far:?}");
     Ok(())

@@ -1,4 +1,4 @@
-//! Our apps against unmodified Cyclone DDS and Fast DDS, and against each other, over real links.
+//! Our apps against unmodified libraries of other vendors, and against each other, over real links.
 //!
 //! A scenario runs with each of the [`layers`] under our apps, which are unprivileged every time. Scenarios wait for what they are about and never for time to pass: a busy machine makes
 //! them slow, not red. Where a test must not depend on which side sees a match first, it uses TRANSIENT_LOCAL.
@@ -14,9 +14,9 @@ mod large;
 mod layers;
 mod loss;
 mod matching;
+mod matrix;
 mod perf;
 mod reliable;
-mod soak;
 mod stage;
 mod static_peers;
 mod wire;

@@ -13,8 +13,8 @@ use crate::stage::Stage;
 
 const SAMPLES: u64 = 50;
 /// What is offered is less than what is requested.
-const OFFER: &str = "--pub --best-effort --timeout 50";
-const REQUEST: &str = "--sub --reliable --timeout 50";
+pub(crate) const OFFER: &str = "--pub --best-effort --timeout 50";
+pub(crate) const REQUEST: &str = "--sub --reliable --timeout 50";
 
 on_every_layer! {
     cyclone_offers_too_little,
@@ -57,7 +57,7 @@ fn requests_too_much(layer: Layer, peer: &Peer) -> Result<()> {
 }
 
 /// Both ends live until both have been told.
-fn ensure_told(mut ends: [Process; 2]) -> Result<()> {
+pub(crate) fn ensure_told(mut ends: [Process; 2]) -> Result<()> {
     for end in &mut ends {
         let told = end.wait_json_event(|event| event["event"] == "incompatible_qos", flow::END)?;
         ensure!(told["policy"] == "RELIABILITY", "{told}");
@@ -95,7 +95,7 @@ fn partitions(layer: Layer, peer: &Peer) -> Result<()> {
 }
 
 /// Cyclone tells of partitions that differ, and the standard does not forbid it.
-fn ensure_alone(process: &Process) -> Result<()> {
+pub(crate) fn ensure_alone(process: &Process) -> Result<()> {
     let events = process.events();
     let mut kinds = events.iter().map(|event| &event["event"]);
     ensure!(

@@ -82,7 +82,7 @@ pub(crate) struct Host<'a> {
 }
 
 impl<'a> Host<'a> {
-    fn new(host: &'a link::Host, layer: Layer, arguments: &[&str]) -> Result<Self> {
+    pub(crate) fn new(host: &'a link::Host, layer: Layer, arguments: &[&str]) -> Result<Self> {
         let start = |of_layer: &[&str]| {
             let rtpsd = binaries()?.rtpsd();
             let arguments = [of_layer, arguments].concat();

@@ -14,7 +14,6 @@ use rtps_tests::link::Host;
 use rtps_tests::netns::Identity;
 use rtps_tests::peers::{self, Peer};
 use rtps_tests::process::Process;
-use rtps_tests::rustdds;
 
 use super::program::{Dialect, Program, Role, WARM_UP};
 use super::row::{Case, Stack};
@@ -32,7 +31,7 @@ pub(super) struct Programs {
     /// This program, which is also the raw UDP ends.
     this: PathBuf,
     fast_dds: Option<Peer>,
-    rust_dds: Option<PathBuf>,
+    rust_dds: Option<Peer>,
 }
 
 /// What one program has to do.
@@ -88,7 +87,7 @@ impl Programs {
                 Ok(())
             }
             Stack::Rustdds => {
-                self.rust_dds = Some(rustdds::build()?);
+                self.rust_dds = Some(peers::rust_dds_perf()?);
                 Ok(())
             }
         }
@@ -137,12 +136,10 @@ impl Programs {
     }
 
     fn rust_dds(&self, part: &Part<'_>) -> Result<Command> {
-        let program = self.rust_dds.as_ref().context("RustDDS is missing")?;
-        let mut command = part.host.netns.command(program);
-        command
-            .arg(part.role.name())
-            .args(part.common_arguments())
-            .args(part.peers());
+        let peer = self.rust_dds.as_ref().context("RustDDS is missing")?;
+        let Host { netns, interface } = part.host;
+        let mut command = peer.command(netns, interface, part.role.name());
+        command.args(part.common_arguments()).args(part.peers());
         Ok(command)
     }
 

@@ -183,6 +183,25 @@ fn the_smallest_window_still_lets_everything_through() {
     assert!((1..=3).all(|number| lines.contains(&repeated(number))));
 }
 
+/// Such a reader asks for the later changes as a whole, as often as it asks for the fragments, and drops them.
+#[test]
+fn a_reader_that_keeps_nothing_out_of_order_gets_its_fragments_first() {
+    let mut bench = with_window(Durability::Volatile);
+    for _ in 0..2 {
+        bench.write(40_000);
+    }
+    bench.lines();
+    for _ in 0..3 {
+        bench.pass(Duration::from_secs(1));
+        bench.acknack(1, 1, &[2]);
+        bench.nack_frag(1, 1, &[7, 8]);
+        let repairs = bench.pass(Duration::from_millis(500));
+        let fragments = ["DATA_FRAG 1.7 to 1", "DATA_FRAG 1.8 to 1"];
+        assert_eq!(repairs[..2], fragments, "{repairs:?}");
+        assert_eq!(repairs[2], "DATA_FRAG 2.1 to 1", "{repairs:?}");
+    }
+}
+
 #[test]
 fn what_one_reader_has_acknowledged_is_known() {
     let mut bench = Bench::new(reliable(Durability::Volatile));
