@@ -269,6 +269,17 @@ impl Qos {
         self
     }
 
+    /// TOPIC_DATA is the topic's, where nothing is said of it.
+    #[must_use]
+    pub(crate) fn on_topic(mut self, topic: &Self) -> Self {
+        if self.policies.topic_data.is_empty() {
+            self.policies
+                .topic_data
+                .clone_from(&topic.policies.topic_data);
+        }
+        self
+    }
+
     /// What a publisher or subscriber says for its endpoints, where this one says nothing itself.
     #[must_use]
     pub(crate) fn in_group(mut self, group: &Self) -> Self {

@@ -6,7 +6,8 @@ use rtps_socket::DdsType;
 
 use crate::options::PublisherOptions;
 
-/// A coloured shape; the IDL that all vendors share, an appendable struct of this name.
+/// A coloured shape; the IDL that all vendors share, an appendable struct of this name. Their builds of it are not
+/// all alike (final, bounded), so that it is matched by name alone.
 #[derive(Clone, Debug, DdsType, PartialEq)]
 #[dds(by_name)]
 pub(crate) struct ShapeType {

@@ -2,6 +2,7 @@
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use super::Topic;
 use crate::cdr::DdsType;
 use crate::error::SetQosError;
 use crate::qos::{PolicyId, Qos, policies};
@@ -36,18 +37,18 @@ impl GroupState {
     /// What an endpoint of the group is created from.
     pub(super) fn template<T: DdsType>(
         &self,
-        topic: &str,
+        topic: &Topic<T>,
         qos: Qos,
         into_policies: impl FnOnce(Qos) -> policies::Qos,
     ) -> Template {
         let policies = self.lock();
         let inherits = qos.inherits();
-        let qos = into_policies(qos.in_group(&policies.qos));
+        let qos = into_policies(qos.on_topic(topic.qos()).in_group(&policies.qos));
         Template {
             group: Some(Arc::clone(&self.group)),
             inherits,
             is_enabled: policies.is_enabled && policies.qos.autoenables(),
-            ..Template::new(topic, T::TYPE_NAME, qos)
+            ..Template::new(topic.name(), T::TYPE_NAME, qos)
         }
     }
 

@@ -67,7 +67,19 @@ impl DomainParticipant {
     /// # Errors
     /// When the name cannot be one.
     pub fn create_topic<T: DdsType>(&self, name: &str) -> Result<Topic<T>, CreateError> {
-        Topic::new(name)
+        Topic::new(name, Qos::default())
+    }
+
+    /// A topic with policies that its writers and readers may be created with ([`Topic::qos`]).
+    ///
+    /// # Errors
+    /// When the name cannot be one.
+    pub fn create_topic_with<T: DdsType>(
+        &self,
+        name: &str,
+        qos: Qos,
+    ) -> Result<Topic<T>, CreateError> {
+        Topic::new(name, qos)
     }
 
     /// A topic as readers see it that want only the samples for which an expression of DDS 1.4 annex B is true;
@@ -97,7 +109,7 @@ impl DomainParticipant {
             };
             endpoints.any(is_it).then_some(())
         });
-        found.and_then(|()| Topic::new(name).ok())
+        found.and_then(|()| Topic::new(name, Qos::default()).ok())
     }
 
     /// What is known of the domain: participants, topics, and the endpoints of others. From the first call on the layer
@@ -127,7 +139,11 @@ impl DomainParticipant {
     ) -> Result<DataWriter<T>, CreateError> {
         let template = Template {
             is_enabled: self.autoenables(),
-            ..Template::new(topic.name(), T::TYPE_NAME, qos.into_writer())
+            ..Template::new(
+                topic.name(),
+                T::TYPE_NAME,
+                qos.on_topic(topic.qos()).into_writer(),
+            )
         };
         DataWriter::new(&self.socket, template)
     }
@@ -143,7 +159,11 @@ impl DomainParticipant {
     ) -> Result<DataReader<T>, CreateError> {
         let template = Template {
             is_enabled: self.autoenables(),
-            ..Template::new(topic.topic().name(), T::TYPE_NAME, qos.into_reader())
+            ..Template::new(
+                topic.topic().name(),
+                T::TYPE_NAME,
+                qos.on_topic(topic.topic().qos()).into_reader(),
+            )
         };
         DataReader::new(&self.socket, template, topic.filter())
     }

@@ -33,9 +33,7 @@ impl Publisher {
         topic: &Topic<T>,
         qos: Qos,
     ) -> Result<DataWriter<T>, CreateError> {
-        let template = self
-            .state
-            .template::<T>(topic.name(), qos, Qos::into_writer);
+        let template = self.state.template::<T>(topic, qos, Qos::into_writer);
         DataWriter::new(&self.state.socket, template)
     }
 

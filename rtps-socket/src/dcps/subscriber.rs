@@ -36,7 +36,7 @@ impl Subscriber {
     ) -> Result<DataReader<T>, CreateError> {
         let template = self
             .state
-            .template::<T>(topic.topic().name(), qos, Qos::into_reader);
+            .template::<T>(topic.topic(), qos, Qos::into_reader);
         DataReader::new(&self.state.socket, template, topic.filter())
     }
 

@@ -4,11 +4,13 @@ use std::marker::PhantomData;
 
 use crate::cdr::DdsType;
 use crate::error::CreateError;
+use crate::qos::Qos;
 
-/// A name under which samples of one type are exchanged.
+/// A name under which samples of one type are exchanged, with policies that its endpoints may take over.
 #[derive(Debug)]
 pub struct Topic<T> {
     name: String,
+    qos: Qos,
     sample: PhantomData<fn() -> T>,
 }
 
@@ -16,18 +18,20 @@ impl<T> Clone for Topic<T> {
     fn clone(&self) -> Self {
         Self {
             name: self.name.clone(),
+            qos: self.qos.clone(),
             sample: PhantomData,
         }
     }
 }
 
 impl<T: DdsType> Topic<T> {
-    pub(super) fn new(name: &str) -> Result<Self, CreateError> {
+    pub(super) fn new(name: &str, qos: Qos) -> Result<Self, CreateError> {
         if !Self::is_name(name) {
             return Err(CreateError::InvalidName(name.to_owned()));
         }
         Ok(Self {
             name: name.to_owned(),
+            qos,
             sample: PhantomData,
         })
     }
@@ -40,6 +44,12 @@ impl<T: DdsType> Topic<T> {
     /// Its name.
     pub fn name(&self) -> &str {
         &self.name
+    }
+
+    /// Its policies: what a writer or reader may be created with. Without that TOPIC_DATA alone holds for them, where they
+    /// say nothing of it.
+    pub fn qos(&self) -> &Qos {
+        &self.qos
     }
 
     /// The registered name of its type.

@@ -18,11 +18,9 @@ fn a_domain_can_be_looked_at() {
         .name("watched")
         .user_data(*b"u");
     let b: DomainParticipant = named.open().unwrap();
-    let topic = b.create_topic::<Shape>("Watched").unwrap();
-    let qos = Qos::reliable()
-        .user_data(*b"w")
-        .topic_data(*b"t")
-        .partition(["p"]);
+    let of_topic = Qos::default().topic_data(*b"t");
+    let topic = b.create_topic_with::<Shape>("Watched", of_topic).unwrap();
+    let qos = Qos::reliable().user_data(*b"w").partition(["p"]);
     let writer = b.create_writer(&topic, qos).unwrap();
     let own = a.create_reader(&topic, Qos::default()).unwrap();
     let builtin = a.builtin();

@@ -138,10 +138,12 @@ impl<'a> Parser<'a> {
             }
             return Ok(Predicate::Between(member, low, self.literal()?));
         }
-        let compile = match () {
-            () if self.eat_word("LIKE")? => Pattern::like,
-            () if self.eat_word("MATCH")? => Pattern::matching,
-            () => return Err(self.expected("a comparison, BETWEEN, LIKE or MATCH")),
+        let compile: fn(&str) -> Result<Pattern, ParseError> = if self.eat_word("LIKE")? {
+            Pattern::like
+        } else if self.eat_word("MATCH")? {
+            Pattern::matching
+        } else {
+            return Err(self.expected("a comparison, BETWEEN, LIKE or MATCH"));
         };
         let position = self.position;
         let literal = self.literal()?;

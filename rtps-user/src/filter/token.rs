@@ -111,11 +111,12 @@ impl<'a> Tokens<'a> {
 
     fn number(&mut self) -> Result<Token<'a>, ParseError> {
         let start = self.position;
+        // A sign stands at the beginning or behind the e of an exponent.
         let mut last = b'e';
         let text = self.take_while(|byte| {
-            let after_exponent = matches!(last, b'e' | b'E');
+            let may_be_sign = matches!(last, b'e' | b'E');
             last = byte;
-            is_word(byte) || (after_exponent && matches!(byte, b'+' | b'-'))
+            is_word(byte) || (may_be_sign && matches!(byte, b'+' | b'-'))
         });
         let number = Number::parse(text).ok_or(ParseError::InvalidNumber(start))?;
         Ok(Token::Number(number))

@@ -15,6 +15,9 @@ use super::cache::Cache;
 use super::change::{Change, Extras};
 use super::events::Events;
 use super::groups::{GroupSet, StagedSet};
+use super::writer_proxy::WriterProxy;
+use crate::RemoteEndpoint;
+use crate::qos::PresentationScope;
 use crate::wire::{GroupDigest, Guid, HeartbeatGroup, SequenceNumber};
 
 /// Changes of the sets of one writer that wait.
@@ -26,6 +29,8 @@ const MAX_BYTES: usize = 256 << 20;
 #[derive(Debug)]
 pub(super) struct CoherentSets {
     writer: Guid,
+    /// Whether it writes sets together with others.
+    offers_groups: bool,
     /// Sets that begin before it lack a change.
     whole_from: SequenceNumber,
     open: Option<OpenSet>,
@@ -46,11 +51,12 @@ struct OpenSet {
 }
 
 impl CoherentSets {
-    /// Those of a writer whose numbers count from `whole_from` on.
-    pub(super) fn new(writer: Guid, whole_from: SequenceNumber) -> Self {
+    pub(super) fn new(remote: &RemoteEndpoint) -> Self {
+        let presentation = remote.qos.presentation;
         Self {
-            writer,
-            whole_from,
+            writer: remote.guid,
+            offers_groups: presentation.coherent && presentation.scope == PresentationScope::Group,
+            whole_from: SequenceNumber::ZERO,
             open: None,
             group: None,
             ended: SequenceNumber::ZERO,
@@ -58,12 +64,7 @@ impl CoherentSets {
     }
 
     /// Something before `next` is missing for good.
-    pub(super) fn broken_before(
-        &mut self,
-        next: SequenceNumber,
-        cache: &mut Cache,
-        events: &mut Events,
-    ) {
+    fn broken_before(&mut self, next: SequenceNumber, cache: &mut Cache, events: &mut Events) {
         self.whole_from = self.whole_from.max(next);
         if self.open.as_ref().is_some_and(|set| set.first < next) {
             self.drop_open(cache, events);
@@ -129,7 +130,7 @@ impl CoherentSets {
     }
 
     /// Whether it has yet to end its part of a set.
-    pub(super) fn awaits(&self, set: &GroupSet) -> bool {
+    fn awaits(&self, set: &GroupSet) -> bool {
         let has_begun = |open: &OpenSet| open.group_first == Some(set.first);
         let is_of_group = self.group.is_some() && self.group == set.writers;
         self.open.as_ref().is_some_and(has_begun) || (is_of_group && self.ended < set.first)
@@ -209,6 +210,27 @@ impl CoherentSets {
             self.group = extras.writers.or(self.group);
             self.ended = self.ended.max(first);
         }
+    }
+}
+
+impl WriterProxy {
+    /// Something before `next` is missing for good.
+    pub(super) fn break_sets(
+        &mut self,
+        next: SequenceNumber,
+        cache: &mut Cache,
+        events: &mut Events,
+    ) {
+        if let Some(sets) = &mut self.sets {
+            sets.broken_before(next, cache, events);
+        }
+    }
+
+    /// Whether the writer has yet to end its part of a set of its publisher, as far as is known.
+    pub(super) fn awaits(&self, set: &GroupSet) -> bool {
+        let is_unheard = self.is_reliable() && !self.has_heard();
+        let sets = self.sets.as_ref();
+        sets.is_some_and(|sets| (is_unheard && sets.offers_groups) || sets.awaits(set))
     }
 }
 

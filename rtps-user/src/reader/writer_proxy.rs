@@ -18,9 +18,9 @@ use super::held::Held;
 use super::liveliness::Lease;
 use super::ranges::Ranges;
 use super::reassembly::Reassembly;
-use super::{GroupSet, ReaderConfig, RejectedReason};
+use super::{ReaderConfig, RejectedReason};
 use crate::RemoteEndpoint;
-use crate::qos::{Durability, PresentationScope};
+use crate::qos::Durability;
 use crate::wire::{Gap, Guid, Heartbeat, SequenceNumber, SequenceNumberSet};
 
 /// What the GUID prefixes of Fast DDS begin with: its vendor id, as RTPS 2.5 section 9.3.1.5 asks for.
@@ -41,8 +41,6 @@ pub(super) struct WriterProxy {
     /// Where the reader has asked for coherent access.
     pub(super) sets: Option<Box<CoherentSets>>,
     reliable: bool,
-    /// The writer writes coherent sets together with others.
-    offers_groups: bool,
     /// The writer keeps history for this reader.
     has_past: bool,
     /// The highest number of the first HEARTBEAT: where that history ends.
@@ -85,10 +83,8 @@ impl WriterProxy {
             filter: HeartbeatFilter::default(),
             sets: presentation
                 .coherent
-                .then(|| Box::new(CoherentSets::new(remote.guid, SequenceNumber::ZERO))),
+                .then(|| Box::new(CoherentSets::new(remote))),
             reliable,
-            offers_groups: remote.qos.presentation.coherent
-                && remote.qos.presentation.scope == PresentationScope::Group,
             has_past: reliable
                 && config.qos.durability != Durability::Volatile
                 && remote.qos.durability != Durability::Volatile,
@@ -140,13 +136,6 @@ impl WriterProxy {
     /// Whether all has come that the writer had to repeat.
     pub(super) fn has_history(&self) -> bool {
         !self.has_past || (self.heard && self.next > self.past)
-    }
-
-    /// Whether the writer has yet to end its part of a set of its publisher, as far as is known.
-    pub(super) fn awaits(&self, set: &GroupSet) -> bool {
-        let may_take_part = self.reliable && self.offers_groups && !self.heard;
-        let sets = self.sets.as_ref();
-        sets.is_some_and(|sets| may_take_part || sets.awaits(set))
     }
 
     /// The number below which all is dealt with.
@@ -253,12 +242,6 @@ impl WriterProxy {
         self.skip(sequence, cache, events);
         events.lost(self.guid, 1);
         self.break_sets(sequence.next(), cache, events);
-    }
-
-    fn break_sets(&mut self, next: SequenceNumber, cache: &mut Cache, events: &mut Events) {
-        if let Some(sets) = &mut self.sets {
-            sets.broken_before(next, cache, events);
-        }
     }
 
     fn accept(&mut self, change: Change, cache: &mut Cache, events: &mut Events) {

@@ -171,8 +171,7 @@ impl Writer {
         let mut sent = Sent::default();
         let mut ends_with_fragment = false;
         while self.live.end() <= self.last && !self.is_selected_next() {
-            let is_within_change = self.live.position.fragment > 1;
-            if is_within_change && !self.admits_fragment(now) {
+            if self.live.is_in_change() && !self.admits_fragment(now) {
                 break;
             }
             let next = self.history.next_from(self.live.end());

@@ -15,6 +15,7 @@ mod interest;
 mod lifespan;
 mod live;
 mod liveliness;
+mod matching;
 mod outbox;
 mod packet;
 mod position;
@@ -30,7 +31,7 @@ mod suppression;
 mod tests;
 mod window;
 
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeMap, VecDeque};
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Instant;
@@ -54,11 +55,10 @@ use registry::Registry;
 use selection::Selection;
 use window::Window;
 
+use crate::Transmit;
 use crate::history::{HistoryCache, NewChange};
-use crate::qos::parameters::write_inline_qos;
-use crate::qos::{Durability, LivelinessKind, Qos};
-use crate::wire::{AckNack, Guid, KeyHash, NackFrag, ParameterWriter, SequenceNumber};
-use crate::{RemoteEndpoint, Transmit};
+use crate::qos::{LivelinessKind, Qos};
+use crate::wire::{AckNack, Guid, KeyHash, NackFrag, SequenceNumber};
 
 /// A writer, its history and its proxies of matched readers.
 #[derive(Debug)]
@@ -218,29 +218,6 @@ impl Writer {
         proxy.is_some_and(|proxy| !proxy.is_reliable() || proxy.base().acknowledged >= sequence)
     }
 
-    /// Begins to serve a reader, or takes in new locators of a reader that is served already.
-    pub fn match_reader(&mut self, now: Instant, remote: &RemoteEndpoint) {
-        match self.readers.get_mut(&remote.guid) {
-            Some(proxy) => proxy.update(remote),
-            None => self.add_reader(now, remote),
-        }
-        self.refresh_readers();
-    }
-
-    /// Forgets a reader; what only that one has not acknowledged need not be kept any more.
-    pub fn unmatch_reader(&mut self, reader: Guid) {
-        if self.readers.remove(&reader).is_some() {
-            self.queue.retain(|queued| *queued != reader);
-            self.refresh_readers();
-            self.handle_progress();
-        }
-    }
-
-    /// The matched readers.
-    pub fn matched_readers(&self) -> impl Iterator<Item = Guid> + '_ {
-        self.readers.keys().copied()
-    }
-
     /// The app asserts that the writer is alive.
     pub fn assert_liveliness(&mut self, now: Instant) {
         let liveliness = self.config.qos.liveliness;
@@ -396,27 +373,6 @@ impl Writer {
         }
     }
 
-    fn add_reader(&mut self, now: Instant, remote: &RemoteEndpoint) {
-        let is_reliable =
-            self.config.qos.reliability.is_reliable() && remote.qos.reliability.is_reliable();
-        let wants_past = self.keeps_past() && remote.qos.durability != Durability::Volatile;
-        let next = self.live.untouched();
-        let start = if wants_past { SequenceNumber(1) } else { next };
-        let mut proxy =
-            ReaderProxy::new(now, remote, is_reliable, start, next, &self.config.timing);
-        if is_reliable {
-            proxy.outbox.greet(start);
-        } else {
-            proxy.outbox.replay(start, next);
-        }
-        proxy.outbox.refill(self.repair_budget());
-        if proxy.lags_behind(self.live.end()) {
-            self.heartbeats.arm(proxy.next_heartbeat());
-        }
-        self.readers.insert(remote.guid, proxy);
-        self.enqueue(now, remote.guid);
-    }
-
     /// HEARTBEATs for those that have not acknowledged what they were sent.
     fn remind_readers(&mut self, now: Instant) {
         let end = self.live.end();
@@ -453,33 +409,6 @@ impl Writer {
 
     fn has_reliable_readers(&self) -> bool {
         self.lowest_acknowledged.is_some()
-    }
-
-    fn refresh_readers(&mut self) {
-        let addresses: BTreeSet<SocketAddr> = self
-            .readers
-            .values()
-            .flat_map(ReaderProxy::addresses)
-            .collect();
-        self.destinations = addresses.into_iter().collect();
-        self.refresh_layout();
-        self.refresh_selection();
-        self.refresh_acknowledged();
-    }
-
-    /// All readers get inline QoS as soon as one of them expects it, because they share datagrams.
-    fn refresh_layout(&mut self) {
-        let topic = self.readers.values().find_map(ReaderProxy::inline_topic);
-        if topic.is_none() && !self.layout.has_parameters() {
-            return;
-        }
-        let WriterConfig { guid, qos, .. } = &self.config;
-        let layout = Layout::new(*guid, self.config.datagram_size, qos);
-        let mut parameters = Vec::new();
-        if let Some(topic) = topic {
-            write_inline_qos(qos, topic, &mut ParameterWriter::new(&mut parameters));
-        }
-        self.layout = layout.with_parameters(&parameters);
     }
 
     fn refresh_acknowledged(&mut self) {

@@ -57,7 +57,7 @@ impl Layout {
         Self {
             writer,
             datagram,
-            fragment: Self::fragment_room(datagram, inline_qos),
+            fragment: Self::fragment_in(datagram, inline_qos),
             inline_qos,
             heartbeat: HEARTBEAT_LEN + usize::from(is_group) * HEARTBEAT_GROUP_LEN,
             parameters: None,
@@ -73,7 +73,7 @@ impl Layout {
             return self;
         }
         Self {
-            fragment: Self::fragment_room(self.datagram, inline_qos),
+            fragment: Self::fragment_in(self.datagram, inline_qos),
             inline_qos,
             parameters: Some(parameters.into()),
             ..self
@@ -85,7 +85,7 @@ impl Layout {
         self.parameters.is_some()
     }
 
-    fn fragment_room(datagram: usize, inline_qos: usize) -> u16 {
+    fn fragment_in(datagram: usize, inline_qos: usize) -> u16 {
         let room = datagram - Self::before_payload(DATA_FRAG_LEN + inline_qos);
         (room - room % 4) as u16
     }

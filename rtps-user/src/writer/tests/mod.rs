@@ -14,8 +14,9 @@ use std::time::{Duration, Instant};
 use bench::{Bench, DATAGRAM, Sent, change, describe, matched, reader_guid, reliable, writer_guid};
 
 use super::*;
+use crate::RemoteEndpoint;
 use crate::history::ChangeKind;
-use crate::qos::{History, Liveliness, Reliability};
+use crate::qos::{Durability, History, Liveliness, Reliability};
 use crate::wire::{
     EntityId, EntityKind, FragmentNumberSet, GuidPrefix, KeyHash, MessageReceiver, Received,
     SequenceNumberSet, Submessage, Timestamp,

@@ -8,7 +8,7 @@ use nix::sys::socket::{
 };
 use rtps_user::layer::protocol::LAYER_PROTOCOL_VERSION;
 use rtps_user::qos::Qos;
-use rtps_user::wire::{EntityKind, GuidPrefix};
+use rtps_user::wire::{EntityKind, Guid, GuidPrefix};
 
 use super::*;
 use crate::sys::seqpacket::accept;
@@ -142,6 +142,8 @@ fn everything_is_declared_again_after_a_restart() {
     );
     control.request(now, declaration(3));
     control.request(now, ToLayer::Describe(vec![1]));
+    let after = Some(Guid::UNKNOWN);
+    control.request(now, ToLayer::Browse { after });
     let later = now + Duration::from_secs(1);
     control.handle_timeout(later);
     let daemon = Daemon::start(&path);
@@ -155,9 +157,16 @@ fn everything_is_declared_again_after_a_restart() {
         Some(ControlEvent::Welcome(..))
     ));
     control.attached(later);
+    let heard = [(); 4].map(|()| connection.hear());
+    let browse = ToLayer::Browse { after: None };
     assert_eq!(
-        [connection.hear(), connection.hear(), connection.hear()],
-        [ToLayer::Describe(vec![1]), declaration(2), declaration(3)]
+        heard,
+        [
+            ToLayer::Describe(vec![1]),
+            declaration(2),
+            declaration(3),
+            browse
+        ]
     );
 }
 
