@@ -104,7 +104,7 @@ impl<'a> ShapePublisher<'a> {
     }
 
     /// Begins a coherent set where one is due.
-    fn begin_set(&self, iteration: u32) {
+    fn begin_set(&self, iteration: u64) {
         if self
             .place_in_set(iteration)
             .is_some_and(|(place, _)| place == 0)
@@ -115,7 +115,7 @@ impl<'a> ShapePublisher<'a> {
     }
 
     /// Ends the coherent set behind its last iteration.
-    fn end_set(&self, iteration: u32) {
+    fn end_set(&self, iteration: u64) {
         let place = self.place_in_set(iteration);
         if place.is_some_and(|(place, iterations)| place + 1 == iterations) {
             self.printer.print("Finished Coherent Set");
@@ -124,7 +124,7 @@ impl<'a> ShapePublisher<'a> {
     }
 
     /// Where an iteration is within its set, and how many the set has.
-    fn place_in_set(&self, iteration: u32) -> Option<(u32, u32)> {
+    fn place_in_set(&self, iteration: u64) -> Option<(u64, u64)> {
         let iterations = self.options.publisher.set_iterations?;
         let has_sets = self.options.has_presentation();
         has_sets.then(|| (iteration % iterations, iterations))

@@ -73,7 +73,7 @@ impl<'a> ShapeSubscriber<'a> {
         }
     }
 
-    fn announce(&self, iteration: u32) {
+    fn announce(&self, iteration: u64) {
         if self.options.qos.is_coherent {
             let line = format!("Reading coherent sets, iteration {iteration}");
             self.printer.print_patiently(line);

@@ -16,4 +16,3 @@ mod payload;
 mod presentation;
 mod robustness;
 mod stage;
-mod vendors;

@@ -8,7 +8,6 @@ use rtps_tests::layer::{KernelLayer, Layer};
 use rtps_tests::link::Host;
 use rtps_tests::loss::{Direction, Loss, Lossy};
 use rtps_tests::netns::Identity;
-use rtps_tests::peers::Peer;
 use rtps_tests::process::Process;
 use rtps_tests::stage::{self, binaries};
 
@@ -72,16 +71,6 @@ impl Ends<'_> {
         let mut command = self.command(self.far, &format!("-S -t Square {arguments}"))?;
         command.args(["--cft", filter]);
         spawn(command)
-    }
-
-    /// Another vendor's program on the first host.
-    pub(crate) fn near_peer(&self, peer: &Peer, arguments: &str) -> Result<Process> {
-        stage::spawn_peer(&self.near.netns, &self.near.interface, peer, arguments)
-    }
-
-    /// Another vendor's program on the other host.
-    pub(crate) fn far_peer(&self, peer: &Peer, arguments: &str) -> Result<Process> {
-        stage::spawn_peer(&self.far.netns, &self.far.interface, peer, arguments)
     }
 
     /// Loses packets in both directions while the value lives: at the sender's end, before XDP takes them off the link.

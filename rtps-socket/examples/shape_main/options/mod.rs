@@ -50,7 +50,7 @@ pub(crate) struct Options {
     pub(crate) color: Option<String>,
     pub(crate) partition: Option<String>,
     /// Of the main loop; endless without.
-    pub(crate) iterations: Option<u32>,
+    pub(crate) iterations: Option<u64>,
     pub(crate) announce_period: Option<Duration>,
     pub(crate) fragment_size: Option<u16>,
     pub(crate) qos: QosOptions,
@@ -88,7 +88,7 @@ pub(crate) struct PublisherOptions {
     pub(crate) instances: u32,
     pub(crate) final_state: Option<FinalState>,
     /// Iterations in a coherent set; without there are no sets.
-    pub(crate) set_iterations: Option<u32>,
+    pub(crate) set_iterations: Option<u64>,
     /// Octets beside the shape in each sample.
     pub(crate) payload_size: usize,
 }

@@ -157,10 +157,12 @@ impl CommandLine {
             "time-filter" => qos.minimum_separation = period(name, tokens)?,
             "lifespan" => qos.lifespan = period(name, tokens)?,
             "periodic-announcement" => options.announce_period = period(name, tokens)?,
-            "num-iterations" => options.iterations = Some(count(name, 1, tokens)?),
+            "num-iterations" => options.iterations = Some(count(name, 1, tokens)?.into()),
             "num-instances" => publisher.instances = count(name, 1, tokens)?,
             "num-topics" => options.topics = count(name, 1, tokens)?,
-            "coherent-sample-count" => publisher.set_iterations = Some(count(name, 2, tokens)?),
+            "coherent-sample-count" => {
+                publisher.set_iterations = Some(count(name, 2, tokens)?.into())
+            }
             "additional-payload-size" => publisher.payload_size = count(name, 1, tokens)? as usize,
             "size-modulo" => publisher.size_modulo = Some(number(name, 1, tokens)?),
             "datafrag-size" => options.fragment_size = fragment_size(name, tokens)?,
