@@ -29,6 +29,12 @@ pub const PARTICIPANT_MESSAGE_WRITER: EntityId = [0, 2, 0, 0xc2];
 /// BuiltinParticipantMessageReader.
 pub const PARTICIPANT_MESSAGE_READER: EntityId = [0, 2, 0, 0xc7];
 
+/// Whether it is a writer of the TypeLookup service, of requests or replies (XTypes 1.3 section 7.6.3.3.4).
+#[inline(always)]
+pub const fn is_type_lookup_writer(entity: EntityId) -> bool {
+    matches!(entity, [0, 3, 0 | 1, 0xc3])
+}
+
 /// The number of a reliable built-in writer.
 #[inline(always)]
 pub const fn builtin_writer(entity: EntityId) -> Option<u32> {

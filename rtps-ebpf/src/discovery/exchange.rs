@@ -17,6 +17,7 @@ use crate::{
     bytes::Bytes,
     entity::{
         ENTITY_ID_UNKNOWN, EntityId, GuidPrefix, SPDP_WRITER, builtin_reader, builtin_writer,
+        is_type_lookup_writer,
     },
     submessage::{Submessage, id, part},
     walk::{HEADER_LEN, PREFIX_UNKNOWN},
@@ -311,6 +312,9 @@ impl Exchange {
             return;
         }
         let Some(number) = number_of(reader, writer) else {
+            if is_type_lookup_writer(writer) {
+                self.pass_on();
+            }
             return;
         };
         // To ask an unproven sender for its samples costs no more than to greet it; they are not taken yet.

@@ -13,6 +13,7 @@ pub(super) struct Outgoing {
     destinations: Arc<[SocketAddr]>,
     bytes: Vec<u8>,
     segment: usize,
+    dscp: u8,
 }
 
 impl Outgoing {
@@ -21,6 +22,7 @@ impl Outgoing {
             destinations: Arc::new([]),
             bytes: Vec::new(),
             segment: 0,
+            dscp: 0,
         }
     }
 
@@ -36,7 +38,7 @@ impl Outgoing {
         transmit: Transmit,
         send: impl FnOnce(&Burst<'_>),
     ) {
-        if !self.is_of_burst(start, &transmit.destinations) {
+        if !self.is_of_burst(start, &transmit) {
             send(&self.burst(start));
             self.bytes.drain(..start);
             self.segment = 0;
@@ -44,6 +46,7 @@ impl Outgoing {
         if self.segment == 0 {
             self.segment = self.bytes.len();
             self.destinations = transmit.destinations;
+            self.dscp = transmit.dscp;
         }
     }
 
@@ -57,12 +60,13 @@ impl Outgoing {
     }
 
     /// Whether what is behind `start` can leave together with what is before.
-    fn is_of_burst(&self, start: usize, destinations: &Arc<[SocketAddr]>) -> bool {
-        let segment = self.segment;
+    fn is_of_burst(&self, start: usize, transmit: &Transmit) -> bool {
+        let (segment, destinations) = (self.segment, &transmit.destinations);
         segment == 0
             || self.bytes.len() <= Burst::MAX_BYTES.min(segment * Burst::MAX_DATAGRAMS)
                 && self.bytes.len() - start <= segment
                 && start.is_multiple_of(segment)
+                && self.dscp == transmit.dscp
                 && (Arc::ptr_eq(&self.destinations, destinations)
                     || self.destinations == *destinations)
     }
@@ -72,6 +76,7 @@ impl Outgoing {
             destinations: &self.destinations,
             bytes: &self.bytes[..end],
             segment: self.segment,
+            dscp: self.dscp,
         }
     }
 }

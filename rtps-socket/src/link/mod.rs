@@ -64,6 +64,8 @@ pub(crate) struct Burst<'a> {
     pub(crate) bytes: &'a [u8],
     /// Bytes of a datagram; not 0.
     pub(crate) segment: usize,
+    /// The DSCP that they are marked with, for networks that tell traffic by it.
+    pub(crate) dscp: u8,
 }
 
 impl<'a> Burst<'a> {

@@ -3,16 +3,19 @@
 use std::io;
 use std::net::{SocketAddr, UdpSocket};
 
+use nix::sys::socket::{setsockopt, sockopt};
 use rtps_user::ipv6;
 
 use super::Burst;
 use crate::sys::udp;
 
-/// What is known of one socket.
+/// What is known of one socket, or of one for each family.
 #[derive(Debug, Default)]
 pub(crate) struct Sender {
     /// The kernel has refused to segment: it is old, or the path's MTU is smaller than a datagram.
     one_by_one: bool,
+    /// What the socket marks datagrams with, by IPv4 and IPv6.
+    dscp: [u8; 2],
 }
 
 impl Sender {
@@ -24,6 +27,7 @@ impl Sender {
         burst: &Burst<'_>,
     ) -> io::Result<()> {
         let destination = ipv6::to_socket(destination);
+        self.mark(socket, destination.is_ipv6(), burst.dscp);
         if burst.bytes.len() > burst.segment && !self.one_by_one {
             match udp::send_segmented(socket, destination, burst.bytes, burst.segment) {
                 Err(error) if is_refusal(&error) => self.one_by_one = true,
@@ -34,6 +38,22 @@ impl Sender {
             socket.send_to(datagram, destination)?;
         }
         Ok(())
+    }
+
+    /// Has the socket mark what it sends from now on.
+    fn mark(&mut self, socket: &UdpSocket, is_v6: bool, dscp: u8) {
+        let marked = &mut self.dscp[usize::from(is_v6)];
+        if std::mem::replace(marked, dscp) == dscp {
+            return;
+        }
+        let class = i32::from(dscp) << 2;
+        let result = match is_v6 {
+            false => setsockopt(socket, sockopt::Ipv4Tos, &class),
+            true => setsockopt(socket, sockopt::Ipv6TClass, &class),
+        };
+        if let Err(error) = result {
+            tracing::debug!(dscp, %error, "datagrams are sent without their mark");
+        }
     }
 }
 
@@ -47,7 +67,16 @@ fn is_refusal(error: &io::Error) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use nix::sys::socket::getsockopt;
+
     use super::*;
+
+    fn segmenting(one_by_one: bool) -> Sender {
+        Sender {
+            one_by_one,
+            ..Sender::default()
+        }
+    }
 
     fn receive_all(sender: &mut Sender, any: &str) -> Option<Vec<Vec<u8>>> {
         let receiver = UdpSocket::bind(any).ok()?;
@@ -58,6 +87,7 @@ mod tests {
             destinations: &[destination],
             bytes: &bytes,
             segment: 100,
+            dscp: 0,
         };
         sender.send(&socket, destination, &burst).unwrap();
         let mut datagrams = Vec::new();
@@ -78,11 +108,30 @@ mod tests {
         ];
         for any in ["127.0.0.1:0", "[::1]:0"] {
             for one_by_one in [false, true] {
-                match receive_all(&mut Sender { one_by_one }, any) {
+                match receive_all(&mut segmenting(one_by_one), any) {
                     Some(datagrams) => assert_eq!(datagrams, expected),
                     None => println!("skipped: {any} is no address here"),
                 }
             }
+        }
+    }
+
+    #[test]
+    fn what_is_urgent_is_marked() {
+        let receiver = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let destination = receiver.local_addr().unwrap();
+        let mut sender = Sender::default();
+        for dscp in [0, 46, 46, 0] {
+            let burst = Burst {
+                destinations: &[destination],
+                bytes: b"datagram",
+                segment: 8,
+                dscp,
+            };
+            sender.send(&socket, destination, &burst).unwrap();
+            let class = getsockopt(&socket, sockopt::Ipv4Tos).unwrap();
+            assert_eq!(class, i32::from(dscp) << 2);
         }
     }
 
@@ -97,6 +146,7 @@ mod tests {
             destinations: &[destination],
             bytes: &bytes,
             segment: 2,
+            dscp: 0,
         };
         let mut sender = Sender::default();
         sender.send(&socket, destination, &burst).unwrap();

@@ -229,6 +229,21 @@ fn what_is_for_others_or_relayed() {
 }
 
 #[test]
+fn questions_about_types_are_for_rtpsd() {
+    let host = Host::new();
+    let played = |writer: [u8; 4]| {
+        let message = Message::to_us(true);
+        let body = message.body().raw(&[0; 4]).raw(&writer);
+        let body = body.number(1).number(1).u32(1);
+        let message = message.submessage(0x07, 1, body);
+        host.play(setting(), Some(&delivered(5)), &message).outcome
+    };
+    assert_eq!(played([0, 3, 0, 0xc3]), PASSED_ON);
+    assert_eq!(played([0, 3, 1, 0xc3]), PASSED_ON);
+    assert_eq!(played([0, 3, 2, 0xc3]), QUIET);
+}
+
+#[test]
 fn what_the_kernel_may_not_answer_is_passed_on() {
     let message = Message::to_us(true).heartbeat(0, 1, 9, false);
     let mute = Setting {

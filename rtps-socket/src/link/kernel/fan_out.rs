@@ -276,6 +276,7 @@ mod tests {
             destinations,
             bytes: b"RTPS",
             segment: 4,
+            dscp: 0,
         };
         fan_out.send(&burst).to_vec()
     }

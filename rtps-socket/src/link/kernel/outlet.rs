@@ -42,6 +42,7 @@ mod tests {
                 destinations: &[address],
                 bytes: text,
                 segment: text.len(),
+                dscp: 0,
             };
             outlet.send(&burst, address).unwrap();
             let mut buffer = [0; 8];
