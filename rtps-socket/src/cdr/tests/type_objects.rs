@@ -44,7 +44,7 @@ enum Choice {
 #[derive(DdsType)]
 #[dds(final, type_name = "demo::Tinted", discriminator = "Color")]
 enum Tinted {
-    #[dds(name = "strength", case = Color::Red, octet)]
+    #[dds(name = "strength", case = Color::Red)]
     Strength(u8),
     #[dds(name = "remark", case = Color::Blue)]
     Remark(String),
@@ -57,7 +57,6 @@ struct All {
     id_key: u32,
     flag: bool,
     letter: char,
-    #[dds(octet)]
     byte: u8,
     s: i16,
     us: u16,
@@ -74,7 +73,6 @@ struct All {
     short_name: String,
     #[dds(bound = 300)]
     long_name: String,
-    #[dds(octet)]
     bytes: Vec<u8>,
     #[dds(bound = 5)]
     few: Vec<i32>,
@@ -103,7 +101,6 @@ struct ShapeType {
     x: i32,
     y: i32,
     shapesize: i32,
-    #[dds(octet)]
     additional_payload_size: Vec<u8>,
 }
 
