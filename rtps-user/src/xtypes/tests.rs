@@ -201,6 +201,42 @@ fn what_is_not_known_is_named() {
 }
 
 #[test]
+fn a_case_of_the_reader_takes_what_the_default_of_the_writer_is() {
+    let union = |special: Option<TypePair>| {
+        let case = |id, name, default, labels: &[i32], member_type| UnionMember {
+            name,
+            id,
+            default,
+            labels: labels.to_vec(),
+            member_type,
+        };
+        let mut members = vec![
+            case(0, "a", false, &[0], long()),
+            case(1, "b", true, &[], long()),
+        ];
+        members.extend(special.map(|of| case(2, "c", false, &[9], of)));
+        TypeBuilder::describe(|types| {
+            types.define("U", |_| {
+                Some(Definition::Union {
+                    extensibility: Extensibility::Appendable,
+                    discriminator: long(),
+                    members,
+                })
+            })
+        })
+    };
+    let policy = TypeConsistency::default();
+    for (special, expected) in [
+        (long(), Assignable::Yes),
+        (TypePair::string(false, 0), Assignable::No),
+    ] {
+        let (with, without) = (union(Some(special)), union(None));
+        assert_eq!(assignable(&with, &without, policy), expected);
+        assert_eq!(assignable(&without, &with, policy), expected);
+    }
+}
+
+#[test]
 fn unions_and_enumerations() {
     let support = |name, values: &[i32], extensibility| {
         let literal = |value: &i32| Literal {
