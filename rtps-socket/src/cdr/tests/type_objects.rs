@@ -104,6 +104,34 @@ struct ShapeType {
     additional_payload_size: Vec<u8>,
 }
 
+/// `int8 a; uint8 b; octet c; sequence<uint8> d; sequence<octet> e; int8 f[3];`, of which Cyclone DDS 11.0.1 says what
+/// `eight.*.hex` have: `__idl__._xt_bytedata` of the final type in its Python API, after `get_type_info()`.
+#[derive(DdsType)]
+#[dds(final, type_name = "demo::Eight")]
+struct Eight {
+    a: i8,
+    #[dds(uint8)]
+    b: u8,
+    c: u8,
+    #[dds(uint8)]
+    d: Vec<u8>,
+    e: Vec<u8>,
+    f: [i8; 3],
+}
+
+#[test]
+fn types_of_8_bits() {
+    let TypeSupport {
+        information,
+        objects,
+    } = Eight::type_support();
+    assert_eq!(objects, hex(include_str!("cyclone/eight.objects.hex")));
+    assert_eq!(
+        information,
+        hex(include_str!("cyclone/eight.information.hex"))
+    );
+}
+
 #[test]
 fn a_struct() {
     let TypeSupport {
