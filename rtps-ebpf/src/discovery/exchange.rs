@@ -312,9 +312,8 @@ impl Exchange {
             return;
         }
         let Some(number) = number_of(reader, writer) else {
-            if is_type_lookup_writer(writer) {
-                self.pass_on();
-            }
+            // rtpsd answers that, and nothing else of the message.
+            self.has_news |= is_type_lookup_writer(writer);
             return;
         };
         // To ask an unproven sender for its samples costs no more than to greet it; they are not taken yet.

@@ -90,8 +90,8 @@ pub(crate) struct FieldAttributes {
     pub(crate) key: bool,
     pub(crate) id: Option<u32>,
     pub(crate) bound: Option<Expr>,
-    /// `u8` stands for IDL's `octet` and not for `uint8`.
-    pub(crate) octet: bool,
+    /// `u8` stands for IDL's `uint8` and not for `octet`.
+    pub(crate) uint8: bool,
     pub(crate) name: Option<LitStr>,
     pub(crate) default: Option<Expr>,
     pub(crate) non_serialized: bool,
@@ -111,15 +111,15 @@ impl FieldAttributes {
                 parsed.default = Some(item.value()?.parse()?);
             } else if item.path.is_ident("non_serialized") {
                 parsed.non_serialized = true;
-            } else if item.path.is_ident("octet") {
-                parsed.octet = true;
+            } else if item.path.is_ident("uint8") {
+                parsed.uint8 = true;
             } else if item.path.is_ident("name") {
                 parsed.name = Some(item.value()?.parse()?);
             } else if item.path.is_ident("optional") {
                 return Err(item.error("a member is optional when its type is `Option<...>`"));
             } else {
                 return Err(item.error(
-                    "a field takes `key`, `id`, `name`, `bound`, `octet`, `default = expression` or \
+                    "a field takes `key`, `id`, `name`, `bound`, `uint8`, `default = expression` or \
                      `non_serialized`",
                 ));
             }
@@ -134,7 +134,7 @@ impl FieldAttributes {
 pub(crate) struct VariantAttributes {
     pub(crate) cases: Vec<Label>,
     pub(crate) default: bool,
-    pub(crate) octet: bool,
+    pub(crate) uint8: bool,
     pub(crate) name: Option<LitStr>,
 }
 
@@ -146,12 +146,12 @@ impl VariantAttributes {
                 parsed.cases.push(item.value()?.parse()?);
             } else if item.path.is_ident("default") {
                 parsed.default = true;
-            } else if item.path.is_ident("octet") {
-                parsed.octet = true;
+            } else if item.path.is_ident("uint8") {
+                parsed.uint8 = true;
             } else if item.path.is_ident("name") {
                 parsed.name = Some(item.value()?.parse()?);
             } else {
-                return Err(item.error("a variant takes `case`, `default`, `name` or `octet`"));
+                return Err(item.error("a variant takes `case`, `default`, `name` or `uint8`"));
             }
             Ok(())
         })?;

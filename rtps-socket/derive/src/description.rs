@@ -18,7 +18,7 @@ pub(crate) fn function(type_name: &str, definition: Option<&TokenStream>) -> Opt
 }
 
 /// The type of a member, where `types` is the builder.
-pub(crate) fn member_type(ty: &Type, bound: Option<&Expr>, octet: bool) -> TokenStream {
+pub(crate) fn member_type(ty: &Type, bound: Option<&Expr>, uint8: bool) -> TokenStream {
     let cdr = crate::cdr();
     let plain = match bound {
         Some(bound) => quote! {
@@ -29,8 +29,8 @@ pub(crate) fn member_type(ty: &Type, bound: Option<&Expr>, octet: bool) -> Token
         },
         None => quote!(<<#ty as #cdr::Member>::Value as #cdr::CdrType>::describe(types)?),
     };
-    match octet {
-        true => quote!(#plain.octets()),
+    match uint8 {
+        true => quote!(#plain.uint8()),
         false => plain,
     }
 }

@@ -40,12 +40,12 @@ use attributes::TypeAttributes;
 ///
 /// On a struct's field: `key`; `id = 7` (default: the preceding one plus 1, from 0); `bound = 128`
 /// for strings, sequences and maps; `default = expression` for values that the sender does not
-/// know; `non_serialized`; `octet` where `u8` is IDL's `octet` and not `uint8`; `name = "x"` where
+/// know; `non_serialized`; `uint8` where `u8` is IDL's `uint8` and not `octet`; `name = "x"` where
 /// IDL has another name. `Option` makes a member optional.
 ///
 /// On a variant: `case = 3`, `true`, `'a'` or `Color::Red` (repeatable; for integers
 /// by default the preceding one plus 1, from 0) in unions;
-/// `default` for what no other variant stands for; `name` and `octet` as on fields.
+/// `default` for what no other variant stands for; `name` and `uint8` as on fields.
 #[proc_macro_derive(DdsType, attributes(dds))]
 pub fn derive_dds_type(input: TokenStream) -> TokenStream {
     let input = parse_macro_input!(input as DeriveInput);

@@ -41,7 +41,7 @@ struct Member<'a> {
     id: u32,
     key: bool,
     bound: Option<Expr>,
-    octet: bool,
+    uint8: bool,
     default: TokenStream,
 }
 
@@ -293,7 +293,7 @@ impl<'a> Member<'a> {
             id,
             key: attributes.key,
             bound: attributes.bound,
-            octet: attributes.octet,
+            uint8: attributes.uint8,
             default,
         }
     }
@@ -309,7 +309,7 @@ impl<'a> Member<'a> {
         let Self {
             ty, name, id, key, ..
         } = self;
-        let member_type = description::member_type(ty, self.bound.as_ref(), self.octet);
+        let member_type = description::member_type(ty, self.bound.as_ref(), self.uint8);
         quote! {
             #cdr::StructMember {
                 name: #name,

@@ -36,7 +36,7 @@ struct Case<'a> {
     implicit: bool,
     default: bool,
     name: String,
-    octet: bool,
+    uint8: bool,
 }
 
 impl<'a> Case<'a> {
@@ -109,7 +109,7 @@ impl<'a> Case<'a> {
             implicit: false,
             default: attributes.default,
             name: idl_name(attributes.name.as_ref(), &variant.ident),
-            octet: attributes.octet,
+            uint8: attributes.uint8,
         })
     }
 
@@ -132,7 +132,7 @@ impl<'a> Case<'a> {
     fn definition(&self, id: u32) -> Option<TokenStream> {
         let cdr = crate::cdr();
         let (name, default) = (&self.name, self.default);
-        let member_type = description::member_type(self.member?, None, self.octet);
+        let member_type = description::member_type(self.member?, None, self.uint8);
         let labels = self.labels.iter().filter(|_| !self.implicit);
         let labels = labels.map(Label::object_value);
         let labels = labels.collect::<Option<Vec<_>>>()?;

@@ -76,9 +76,13 @@ impl Axis {
     }
 
     fn advance(&mut self) {
-        let wanted = self.position + self.velocity;
-        self.position = wanted.clamp(0, self.end);
-        if self.position != wanted {
+        self.position = (self.position + self.velocity).clamp(0, self.end);
+        // On the edge it turns round already, or it would stand still for a step.
+        let is_outbound = match self.velocity > 0 {
+            true => self.position == self.end,
+            false => self.position == 0,
+        };
+        if is_outbound {
             self.velocity = -self.velocity;
         }
     }

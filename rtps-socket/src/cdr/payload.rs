@@ -215,5 +215,13 @@ fn read_payload<T: DdsType>(payload: &[u8], scope: Scope) -> Result<T, DecodeErr
         byte_order,
         ..
     } = encapsulation;
-    T::decode(&mut Decoder::new(data, representation, byte_order, scope))
+    let decode = |scope| T::decode(&mut Decoder::new(data, representation, byte_order, scope));
+    match (scope, representation) {
+        // Cyclone DDS 0.10 leaves the DHEADERs out of keys. What it sends is none with them: a size that comes first
+        // cannot be the first key, too, and fit what follows.
+        (Scope::Key, Representation::Xcdr2) => {
+            decode(scope).or_else(|error| decode(Scope::KeyHash).map_err(|_| error))
+        }
+        _ => decode(scope),
+    }
 }

@@ -6,6 +6,8 @@
 use std::net::{IpAddr, SocketAddr};
 use std::time::Instant;
 
+use rtps_ebpf::entity::is_type_lookup_writer;
+
 use super::Endpoints;
 use super::matched::Local;
 use crate::reader::Reader;
@@ -50,13 +52,13 @@ impl Endpoints {
         for received in MessageReceiver::new(self.prefix, datagram)? {
             let received = received?;
             match &received.submessage {
-                Submessage::AckNack(acknack) => {
+                Submessage::AckNack(acknack) if is_answered(acknack.writer) => {
                     let reader = Guid::new(received.source, acknack.reader);
                     self.with_writer(source.ip(), reader, acknack.writer, |writer| {
                         writer.acknowledge(now, reader, acknack.state.base);
                     });
                 }
-                Submessage::Heartbeat(_) => {}
+                Submessage::Heartbeat(heartbeat) if is_answered(heartbeat.writer) => {}
                 _ => self.dispatch(now, source.ip(), &received),
             }
         }
@@ -168,4 +170,9 @@ impl Endpoints {
             }
         }
     }
+}
+
+/// Whether it is a writer of those built-in topics for which the low-level layer answers.
+fn is_answered(writer: EntityId) -> bool {
+    !is_type_lookup_writer(writer.0)
 }

@@ -9,7 +9,7 @@ use super::store::{Record, StoreKey};
 use super::{KernelChange, Layer};
 use crate::RemoteEndpoint;
 use crate::discovery::{DiscoveryEvent, MatchChange, Outcome};
-use crate::wire::{EntityId, Guid, GuidPrefix, SequenceNumber};
+use crate::wire::{EntityId, Guid, GuidPrefix, SequenceNumber, VendorId};
 
 /// How much of USER_DATA, TOPIC_DATA and GROUP_DATA a message to an app has room for beside names and partitions,
 /// which are parameters and no longer than 64 KiB each.
@@ -31,7 +31,7 @@ impl Layer {
                     manual,
                 } => self.tell_liveliness(participant, manual),
                 DiscoveryEvent::TypesRequested(request) => {
-                    let reply = request.answer(self.matchmaker.types());
+                    let reply = request.answer(self.matchmaker.types(), self.has_cyclone());
                     self.discovery.reply_to_lookup(reply);
                 }
                 DiscoveryEvent::TypesFound(objects) => {
@@ -68,6 +68,12 @@ impl Layer {
                 }
             }
         }
+    }
+
+    /// Whether a participant of Cyclone DDS is there.
+    fn has_cyclone(&self) -> bool {
+        let mut participants = self.discovery.participants();
+        participants.any(|remote| remote.data.vendor == VendorId::CYCLONE_DDS)
     }
 
     /// Tells the low-level layer and the apps what has changed.

@@ -194,4 +194,6 @@ pub struct VendorId(pub [u8; 2]);
 impl VendorId {
     /// VENDORID_UNKNOWN; we have no number of our own yet.
     pub const UNKNOWN: Self = Self([0, 0]);
+    /// Eclipse Cyclone DDS.
+    pub const CYCLONE_DDS: Self = Self([1, 16]);
 }

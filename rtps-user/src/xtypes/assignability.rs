@@ -301,8 +301,14 @@ impl Comparison<'_> {
             let reader = of_reader.get(label).or(reader_default.as_ref())?;
             Some((reader, writer))
         });
+        let lacking = of_reader
+            .iter()
+            .filter(|(label, _)| !of_writer.contains_key(label));
+        let selecting_default =
+            lacking.filter_map(|(_, reader)| Some((reader, writer_default.as_ref()?)));
         let defaults = reader_default.iter().zip(writer_default.iter());
         selected
+            .chain(selecting_default)
             .chain(defaults)
             .all(|(reader, writer)| self.compare(&reader.type_id, &writer.type_id))
     }

@@ -58,25 +58,10 @@ impl TypePair {
         }
     }
 
-    /// The same with TK_BYTE for TK_UINT8: what IDL calls `octet` and `uint8` are two types, and one in Rust.
+    /// The same with TK_UINT8 for TK_BYTE: what IDL calls `uint8` and `octet` are two types, and one in Rust.
     #[must_use]
-    pub fn octets(self) -> Self {
-        self.map(|mut identifier| {
-            let mut inner = &mut identifier;
-            loop {
-                match inner {
-                    TypeIdentifier::Primitive(kind) if *kind == TypeKind::UINT8 => {
-                        *kind = TypeKind::BYTE;
-                        break;
-                    }
-                    TypeIdentifier::Sequence { element, .. }
-                    | TypeIdentifier::Array { element, .. }
-                    | TypeIdentifier::Map { element, .. } => inner = element,
-                    _ => break,
-                }
-            }
-            identifier
-        })
+    pub fn uint8(self) -> Self {
+        self.map(TypeIdentifier::uint8)
     }
 
     /// The identifier of one kind.

@@ -102,6 +102,11 @@ impl TypeKind {
     pub const CHAR16: Self = Self(0x11);
     /// The last of the octets that stand for primitive types.
     const LAST: u8 = 0x11;
+
+    /// XTypes 1.3 added kinds to those of 1.2.
+    const fn is_known_to_cyclone_0_10(self) -> bool {
+        matches!(self.0, 0x01..=0x0b | 0x10 | 0x11)
+    }
 }
 
 /// Names or describes a type.
@@ -170,6 +175,47 @@ impl TypeIdentifier {
         match self {
             Self::Hash(hash) => Some(*hash),
             _ => None,
+        }
+    }
+
+    /// The same with TK_UINT8 for TK_BYTE.
+    pub(super) fn uint8(self) -> Self {
+        match self {
+            Self::Primitive(TypeKind::BYTE) => Self::Primitive(TypeKind::UINT8),
+            Self::Sequence { element, bound } => Self::Sequence {
+                element: Box::new(element.uint8()),
+                bound,
+            },
+            Self::Array { element, bounds } => Self::Array {
+                element: Box::new(element.uint8()),
+                bounds,
+            },
+            Self::Map {
+                key,
+                element,
+                bound,
+            } => Self::Map {
+                key: Box::new(key.uint8()),
+                element: Box::new(element.uint8()),
+                bound,
+            },
+            other => other,
+        }
+    }
+
+    /// Whether Cyclone DDS 0.10 can take it: of others in a TypeObject it makes null pointers, which it follows.
+    pub(super) fn is_known_to_cyclone_0_10(&self) -> bool {
+        match self {
+            Self::Primitive(kind) => kind.is_known_to_cyclone_0_10(),
+            Self::String { wide, .. } => !wide,
+            Self::Sequence { element, .. } | Self::Array { element, .. } => {
+                element.is_known_to_cyclone_0_10()
+            }
+            Self::Map { key, element, .. } => {
+                key.is_known_to_cyclone_0_10() && element.is_known_to_cyclone_0_10()
+            }
+            Self::Hash(_) => true,
+            Self::Component { .. } => false,
         }
     }
 

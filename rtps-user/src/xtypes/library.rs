@@ -72,6 +72,16 @@ impl TypeLibrary {
         self.objects.get(&hash).map(Vec::as_slice)
     }
 
+    /// Whether Cyclone DDS 0.10 survives this TypeObject; no where that cannot be told.
+    pub(super) fn is_known_to_cyclone_0_10(&self, hash: TypeHash) -> bool {
+        let minimal = match hash.equivalence {
+            Equivalence::Minimal => Some(hash),
+            Equivalence::Complete => self.minimal_of(hash),
+        };
+        let object = minimal.and_then(|minimal| self.minimal_type(minimal));
+        object.is_some_and(|object| object.is_known_to_cyclone_0_10())
+    }
+
     /// The minimal hash of the type with this complete one.
     pub fn minimal_of(&self, complete: TypeHash) -> Option<TypeHash> {
         self.pairs.get(&complete).copied()

@@ -123,11 +123,16 @@ impl Request {
         })
     }
 
-    /// The reply of a participant that knows these types.
-    pub fn answer(&self, library: &TypeLibrary) -> Reply {
+    /// The reply of a participant that knows these types. All participants get it, not only the one that asked: if one
+    /// of them may be Cyclone DDS 0.10, TypeObjects that would make it crash are left out.
+    pub fn answer(&self, library: &TypeLibrary, has_cyclone: bool) -> Reply {
         let hashes: BTreeSet<_> = self.types.iter().filter_map(TypeIdentifier::hash).collect();
         let answer = match self.operation {
-            Operation::Types => types(hashes, library),
+            Operation::Types => {
+                let mut hashes = hashes;
+                hashes.retain(|hash| !has_cyclone || library.is_known_to_cyclone_0_10(*hash));
+                types(hashes, library)
+            }
             Operation::Dependencies => Answer::Dependencies(library.dependencies(hashes)),
         };
         Reply {
@@ -355,7 +360,7 @@ mod tests {
         let (library, hash) = library();
         let request = request(Operation::Types, hash);
         assert_eq!(Request::decode(&request.encode()), Ok(request.clone()));
-        let reply = request.answer(&library);
+        let reply = request.answer(&library, false);
         assert_eq!(Reply::decode(&reply.encode()), Ok(reply.clone()));
         let object = library.object(hash).unwrap().to_vec();
         assert_eq!(reply.related, request.id);
@@ -380,7 +385,7 @@ mod tests {
             assert_eq!(Reply::decode(&reply.encode()), Ok(reply));
         }
         assert_eq!(
-            request.answer(&library).answer,
+            request.answer(&library, false).answer,
             Answer::Dependencies(Vec::new())
         );
     }
@@ -400,7 +405,7 @@ mod tests {
         fn damage_is_survived(flips in vec((any::<usize>(), any::<u8>()), 1..8), end in any::<usize>()) {
             let (library, hash) = library();
             let request = request(Operation::Types, hash);
-            for mut bytes in [request.encode(), request.answer(&library).encode()] {
+            for mut bytes in [request.encode(), request.answer(&library, false).encode()] {
                 for (at, value) in &flips {
                     let at = at % bytes.len();
                     bytes[at] = *value;

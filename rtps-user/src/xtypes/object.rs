@@ -1,7 +1,7 @@
 //! Reading minimal TypeObjects: all that assignability depends on.
 
 use super::definition::{TK_BITMASK, TK_ENUM, TK_STRUCTURE, TK_UNION};
-use super::identifier::{Equivalence, TypeHash, TypeIdentifier, read_u32_sequence};
+use super::identifier::{Equivalence, TypeHash, TypeIdentifier, TypeKind, read_u32_sequence};
 use super::xcdr::Reader;
 use crate::wire::{Endianness, WireError};
 
@@ -99,6 +99,23 @@ impl MinimalType {
 }
 
 impl MinimalType {
+    /// Whether Cyclone DDS 0.10 survives it.
+    pub(super) fn is_known_to_cyclone_0_10(&self) -> bool {
+        let known = TypeIdentifier::is_known_to_cyclone_0_10;
+        let all = |members: &[Member]| members.iter().all(|member| known(&member.type_id));
+        match self {
+            Self::Struct(of) => {
+                let has_base = of.base != TypeIdentifier::Primitive(TypeKind::NONE);
+                (!has_base || known(&of.base)) && all(&of.members)
+            }
+            Self::Union(of) => known(&of.discriminator) && all(&of.members),
+            Self::Alias(identifier) => known(identifier),
+            // It takes the last but one of the literals without a look at how many there are.
+            Self::Enum(of) => !of.literals.is_empty(),
+            Self::Bitmask { .. } | Self::Opaque => false,
+        }
+    }
+
     /// The types with TypeObjects that it refers to.
     pub(super) fn uses(&self) -> Vec<TypeHash> {
         let mut used = Vec::new();

@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::qos::TypeConsistency;
+use crate::wire::{Guid, SequenceNumber};
 
 fn member(id: u32, name: &'static str, member_type: TypePair) -> StructMember {
     StructMember {
@@ -53,7 +54,7 @@ fn base() -> Vec<StructMember> {
     vec![
         member(0, "key", TypePair::string(false, 128)),
         member(1, "x", long()),
-        member(2, "bytes", TypePair::primitive(TypeKind::UINT8).sequence(0)),
+        member(2, "bytes", TypePair::primitive(TypeKind::BYTE).sequence(0)),
     ]
 }
 
@@ -100,7 +101,7 @@ fn the_policy_says_what_does_not_count() {
     assert_eq!(assignable(&short, &short, policy), Assignable::Yes);
 
     let mut members = base();
-    members[2].member_type = TypePair::primitive(TypeKind::UINT8).sequence(10);
+    members[2].member_type = TypePair::primitive(TypeKind::BYTE).sequence(10);
     let bounded = structure(Extensibility::Appendable, members.clone());
     let mut policy = TypeConsistency::default();
     assert_eq!(assignable(&bounded, &short, policy), Assignable::Yes);
@@ -127,11 +128,56 @@ fn members_of_other_types_and_keys_do_not_fit() {
     members[1].key = true;
     let keyed = structure(Extensibility::Mutable, members);
     assert_eq!(assignable(&reader, &keyed, policy), Assignable::No);
-    let octets = TypePair::primitive(TypeKind::UINT8).sequence(0).octets();
+    let uint8 = TypePair::primitive(TypeKind::BYTE).sequence(0).uint8();
     let mut members = base();
-    members[2].member_type = octets;
-    let octets = structure(Extensibility::Mutable, members);
-    assert_eq!(assignable(&reader, &octets, policy), Assignable::Yes);
+    members[2].member_type = uint8;
+    let uint8 = structure(Extensibility::Mutable, members);
+    assert_eq!(assignable(&reader, &uint8, policy), Assignable::Yes);
+}
+
+/// What would crash Cyclone DDS 0.10 is told to nobody while it may listen.
+#[test]
+fn not_all_types_are_for_cyclone_0_10() {
+    let told = |member_type: TypePair, has_cyclone| {
+        let support = structure(Extensibility::Final, vec![member(0, "m", member_type)]);
+        let information = TypeInformation::decode(&support.information).unwrap();
+        let types = [Equivalence::Minimal, Equivalence::Complete];
+        let request = lookup::Request {
+            id: (Guid::UNKNOWN, SequenceNumber(1)),
+            instance: String::new(),
+            operation: lookup::Operation::Types,
+            types: types
+                .map(|kind| information.of(kind).type_id.clone())
+                .into(),
+        };
+        let mut library = TypeLibrary::default();
+        library.add_mapping(&support.objects).unwrap();
+        match request.answer(&library, has_cyclone).answer {
+            lookup::Answer::Types { objects, .. } => objects.len(),
+            other => panic!("{other:?}"),
+        }
+    };
+    let byte = || TypePair::primitive(TypeKind::BYTE);
+    for harmless in [
+        byte(),
+        byte().sequence(0).array(3),
+        byte().map_to(TypePair::string(false, 0), 9),
+        TypePair::primitive(TypeKind::CHAR16),
+    ] {
+        assert_eq!(told(harmless, true), 2);
+    }
+    for new in [
+        byte().uint8(),
+        byte().sequence(0).array(3).uint8(),
+        byte().map_to(long(), 9).uint8(),
+        long().map_to(byte(), 9).uint8(),
+        TypePair::primitive(TypeKind::INT8),
+        TypePair::primitive(TypeKind::NONE),
+        TypePair::string(true, 0),
+    ] {
+        assert_eq!(told(new.clone(), true), 0);
+        assert_eq!(told(new, false), 2);
+    }
 }
 
 #[test]
@@ -152,6 +198,42 @@ fn what_is_not_known_is_named() {
         assert!(library.add(hash, known.object(hash).unwrap()));
     }
     assert_eq!(judge(&library, &reader, &writer, policy), Assignable::Yes);
+}
+
+#[test]
+fn a_case_of_the_reader_takes_what_the_default_of_the_writer_is() {
+    let union = |special: Option<TypePair>| {
+        let case = |id, name, default, labels: &[i32], member_type| UnionMember {
+            name,
+            id,
+            default,
+            labels: labels.to_vec(),
+            member_type,
+        };
+        let mut members = vec![
+            case(0, "a", false, &[0], long()),
+            case(1, "b", true, &[], long()),
+        ];
+        members.extend(special.map(|of| case(2, "c", false, &[9], of)));
+        TypeBuilder::describe(|types| {
+            types.define("U", |_| {
+                Some(Definition::Union {
+                    extensibility: Extensibility::Appendable,
+                    discriminator: long(),
+                    members,
+                })
+            })
+        })
+    };
+    let policy = TypeConsistency::default();
+    for (special, expected) in [
+        (long(), Assignable::Yes),
+        (TypePair::string(false, 0), Assignable::No),
+    ] {
+        let (with, without) = (union(Some(special)), union(None));
+        assert_eq!(assignable(&with, &without, policy), expected);
+        assert_eq!(assignable(&without, &with, policy), expected);
+    }
 }
 
 #[test]

@@ -238,8 +238,8 @@ fn questions_about_types_are_for_rtpsd() {
         let message = message.submessage(0x07, 1, body);
         host.play(setting(), Some(&delivered(5)), &message).outcome
     };
-    assert_eq!(played([0, 3, 0, 0xc3]), PASSED_ON);
-    assert_eq!(played([0, 3, 1, 0xc3]), PASSED_ON);
+    assert_eq!(played([0, 3, 0, 0xc3]), NEWS);
+    assert_eq!(played([0, 3, 1, 0xc3]), NEWS);
     assert_eq!(played([0, 3, 2, 0xc3]), QUIET);
 }
 

@@ -108,6 +108,25 @@ fn a_key_payload_gives_the_key_back_and_defaults_for_the_rest() {
     }
 }
 
+/// What Debian's Cyclone DDS 0.10.2 sends to dispose of a BLUE shape of the appendable type of `cyclone/types.idl`, in
+/// XCDR2: its keys have no DHEADER.
+#[test]
+fn a_dispose_of_cyclone_is_read() {
+    let payload = hex("00090003 05000000 424c5545 00000000");
+    let read: ShapeType = from_key_payload(&payload).unwrap();
+    assert_eq!(read.color, "BLUE");
+    let cut = from_key_payload::<ShapeType>(&payload[..12]);
+    assert!(cut.is_err());
+    // Numbers, of which the first may look like a size.
+    for serial in [0, 4, 8, 12, 16] {
+        let mut payload = hex("00090000 0000000000000000 03000400");
+        payload[4] = serial;
+        let read: Located = from_key_payload(&payload).unwrap();
+        assert_eq!(read.serial, serial.into());
+        assert_eq!((read.position.row, read.position.column), (3, 4));
+    }
+}
+
 #[test]
 fn a_missing_key_is_an_error() {
     let error = from_key_payload::<Mutable>(&hex("000b0000 00000000")).unwrap_err();

@@ -44,7 +44,7 @@ enum Choice {
 #[derive(DdsType)]
 #[dds(final, type_name = "demo::Tinted", discriminator = "Color")]
 enum Tinted {
-    #[dds(name = "strength", case = Color::Red, octet)]
+    #[dds(name = "strength", case = Color::Red)]
     Strength(u8),
     #[dds(name = "remark", case = Color::Blue)]
     Remark(String),
@@ -57,7 +57,6 @@ struct All {
     id_key: u32,
     flag: bool,
     letter: char,
-    #[dds(octet)]
     byte: u8,
     s: i16,
     us: u16,
@@ -74,7 +73,6 @@ struct All {
     short_name: String,
     #[dds(bound = 300)]
     long_name: String,
-    #[dds(octet)]
     bytes: Vec<u8>,
     #[dds(bound = 5)]
     few: Vec<i32>,
@@ -103,8 +101,35 @@ struct ShapeType {
     x: i32,
     y: i32,
     shapesize: i32,
-    #[dds(octet)]
     additional_payload_size: Vec<u8>,
+}
+
+/// `int8 a; uint8 b; octet c; sequence<uint8> d; sequence<octet> e; int8 f[3];`, of which Cyclone DDS 11.0.1 says what
+/// `eight.*.hex` have: `__idl__._xt_bytedata` of the final type in its Python API, after `get_type_info()`.
+#[derive(DdsType)]
+#[dds(final, type_name = "demo::Eight")]
+struct Eight {
+    a: i8,
+    #[dds(uint8)]
+    b: u8,
+    c: u8,
+    #[dds(uint8)]
+    d: Vec<u8>,
+    e: Vec<u8>,
+    f: [i8; 3],
+}
+
+#[test]
+fn types_of_8_bits() {
+    let TypeSupport {
+        information,
+        objects,
+    } = Eight::type_support();
+    assert_eq!(objects, hex(include_str!("cyclone/eight.objects.hex")));
+    assert_eq!(
+        information,
+        hex(include_str!("cyclone/eight.information.hex"))
+    );
 }
 
 #[test]
