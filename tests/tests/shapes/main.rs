@@ -1,4 +1,5 @@
-//! Two of our `shape_main` programs against each other: the effect of each option, and what they print.
+//! Two of our `shape_main` programs against each other, or one and another vendor's program: the effect of each option,
+//! and what they print.
 //!
 //! Other programs judge `shape_main` by its lines, so these tests do too. Scenarios wait for what they are about and
 //! never for time to pass: a busy machine makes them slow, not red. A shape that grows (`-z 0`) counts iterations: its
@@ -16,3 +17,4 @@ mod payload;
 mod presentation;
 mod robustness;
 mod stage;
+mod vendors;

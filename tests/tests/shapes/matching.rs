@@ -1,6 +1,7 @@
 //! Who matches whom: domain, topic, partition, and policies that do not fit.
 
 use anyhow::{Result, ensure};
+use rtps_tests::process::Process;
 
 use crate::lines::{self, wait_line};
 use crate::stage::{Ends, on_both_layers, on_the_in_process_layer};
@@ -59,7 +60,7 @@ fn partitions_with_wildcards(ends: &Ends<'_>) -> Result<()> {
     Ok(())
 }
 
-/// Both sides name the policy.
+/// Both sides name the policy; all pairs at once, each with a topic of its own.
 fn incompatible_policies(ends: &Ends<'_>) -> Result<()> {
     let cases = [
         ("-b", "-r", "11 (RELIABILITY)"),
@@ -80,13 +81,17 @@ fn incompatible_policies(ends: &Ends<'_>) -> Result<()> {
             "3 (PRESENTATION)",
         ),
     ];
-    for (offered, requested, policy) in cases {
-        let mut publisher = ends.publisher(offered)?;
-        let mut subscriber = ends.subscriber(requested)?;
+    let pairs = start_pairs(
+        ends,
+        cases.map(|(offered, requested, _)| (offered, requested)),
+    )?;
+    for (number, ((mut publisher, mut subscriber), (_, _, policy))) in
+        pairs.into_iter().zip(cases).enumerate()
+    {
         let offered = wait_line(&mut publisher, "on_offered_incompatible_qos()")?;
         let requested = wait_line(&mut subscriber, "on_requested_incompatible_qos()")?;
         for line in [offered, requested] {
-            let end = format!("() topic: 'Square'  type: 'ShapeType' : {policy}");
+            let end = format!("() topic: 'Topic{number}'  type: 'ShapeType' : {policy}");
             ensure!(line.ends_with(&end), "{line:?} should end with {end:?}");
         }
         ensure!(
@@ -113,11 +118,23 @@ fn compatible_policies(ends: &Ends<'_>) -> Result<()> {
         ("--access-scope i", "--access-scope g"),
         ("--ordered --access-scope t", "--ordered --access-scope i"),
     ];
-    for (offered, requested) in cases {
-        let _publisher = ends.publisher(offered)?;
-        lines::wait_samples(&ends.subscriber(requested)?, 3)?;
+    for (_publisher, subscriber) in &start_pairs(ends, cases)? {
+        lines::wait_samples(subscriber, 3)?;
     }
     Ok(())
+}
+
+/// Starts publishers and subscribers, of Topic0, Topic1 and so on.
+fn start_pairs<const N: usize>(
+    ends: &Ends<'_>,
+    options: [(&str, &str); N],
+) -> Result<Vec<(Process, Process)>> {
+    let start = |(number, (offered, requested))| {
+        let publisher = ends.publisher(&format!("-t Topic{number} {offered}"))?;
+        let subscriber = ends.subscriber(&format!("-t Topic{number} {requested}"))?;
+        Ok((publisher, subscriber))
+    };
+    options.into_iter().enumerate().map(start).collect()
 }
 
 /// The period holds for as long as the program runs, not only at first.

@@ -8,8 +8,9 @@ use rtps_tests::layer::{KernelLayer, Layer};
 use rtps_tests::link::Host;
 use rtps_tests::loss::{Direction, Loss, Lossy};
 use rtps_tests::netns::Identity;
+use rtps_tests::peers::Peer;
 use rtps_tests::process::Process;
-use rtps_tests::stage::{self, binaries};
+use rtps_tests::stage::{self, binaries, spawn_peer};
 
 /// The program.
 const PROGRAM: &str = "shape_main";
@@ -35,6 +36,17 @@ impl Stage {
             near,
             far,
             _daemons: [start(near, layer)?, start(far, layer)?],
+        })
+    }
+
+    /// Starts the layer of the first host: another vendor's programs are on the other.
+    pub(crate) fn with_near(&self, layer: Layer) -> Result<Ends<'_>> {
+        let [near, far] = &self.hosts;
+        Ok(Ends {
+            layer,
+            near,
+            far,
+            _daemons: [start(near, layer)?, None],
         })
     }
 }
@@ -64,6 +76,16 @@ impl Ends<'_> {
     /// A subscriber of topic Square on the other host.
     pub(crate) fn subscriber(&self, arguments: &str) -> Result<Process> {
         spawn(self.command(self.far, &format!("-S -t Square {arguments}"))?)
+    }
+
+    /// As [`Ends::subscriber`], on the first host.
+    pub(crate) fn near_subscriber(&self, arguments: &str) -> Result<Process> {
+        spawn(self.command(self.near, &format!("-S -t Square {arguments}"))?)
+    }
+
+    /// Another vendor's program on the other host; its topic is Square too.
+    pub(crate) fn peer(&self, peer: &Peer, arguments: &str) -> Result<Process> {
+        spawn_peer(&self.far.netns, &self.far.interface, peer, arguments)
     }
 
     /// As [`Ends::subscriber`], with a content filter.
