@@ -9,7 +9,8 @@ use rtps_socket::{DdsType, DomainParticipant, Qos};
 
 /// The type of the well-known shapes demonstration.
 #[derive(Clone, Debug, Default, DdsType)]
-#[dds(appendable, type_name = "ShapeType")]
+// Vendors differ in whether it is final: like them, it does not insist on its own form.
+#[dds(appendable, type_name = "ShapeType", by_name)]
 pub(crate) struct ShapeType {
     #[dds(key, bound = 128)]
     color: String,
