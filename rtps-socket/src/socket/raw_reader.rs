@@ -42,18 +42,12 @@ impl RawReader {
 
     /// Takes up to `max` samples of a selection out of the reader, without waiting.
     pub fn take(&self, max: usize, selection: &Selection) -> Vec<Sample> {
-        self.endpoint.shared().poll(|core, _| {
-            let reader = core.endpoints.reader_mut(self.endpoint.id());
-            reader.map_or_else(Vec::new, |reader| reader.take(max, selection))
-        })
+        self.access(|reader| reader.take(max, selection))
     }
 
     /// Reads up to `max` samples of a selection, which stay in the reader and count as read then.
     pub fn read(&self, max: usize, selection: &Selection) -> Vec<Sample> {
-        self.endpoint.shared().poll(|core, _| {
-            let reader = core.endpoints.reader_mut(self.endpoint.id());
-            reader.map_or_else(Vec::new, |reader| reader.read(max, selection))
-        })
+        self.access(|reader| reader.read(max, selection))
     }
 
     /// Takes up to `max` samples of the next instance after `previous`, in the order of key hashes, that has samples of
@@ -88,10 +82,7 @@ impl RawReader {
         selection: &Selection,
         filter: &PayloadFilter,
     ) -> Vec<Sample> {
-        self.endpoint.shared().poll(|core, _| {
-            let reader = core.endpoints.reader_mut(self.endpoint.id());
-            reader.map_or_else(Vec::new, |reader| reader.take_where(max, selection, filter))
-        })
+        self.access(|reader| reader.take_where(max, selection, filter))
     }
 
     /// Reads up to `max` samples of a selection that pass a filter.
@@ -101,10 +92,7 @@ impl RawReader {
         selection: &Selection,
         filter: &PayloadFilter,
     ) -> Vec<Sample> {
-        self.endpoint.shared().poll(|core, _| {
-            let reader = core.endpoints.reader_mut(self.endpoint.id());
-            reader.map_or_else(Vec::new, |reader| reader.read_where(max, selection, filter))
-        })
+        self.access(|reader| reader.read_where(max, selection, filter))
     }
 
     fn of_next_instance(
@@ -113,10 +101,7 @@ impl RawReader {
         selection: &Selection,
         access: impl FnOnce(&mut Reader, &Selection) -> Vec<Sample>,
     ) -> Vec<Sample> {
-        self.endpoint.shared().poll(|core, _| {
-            let Some(reader) = core.endpoints.reader_mut(self.endpoint.id()) else {
-                return Vec::new();
-            };
+        self.access(|reader| {
             let instance = reader.next_instance(previous, selection);
             instance.map_or_else(Vec::new, |instance| {
                 let of_instance = Selection {
@@ -125,6 +110,14 @@ impl RawReader {
                 };
                 access(reader, &of_instance)
             })
+        })
+    }
+
+    /// Takes in what has arrived, then gives what `access` finds in the reader.
+    fn access(&self, access: impl FnOnce(&mut Reader) -> Vec<Sample>) -> Vec<Sample> {
+        self.endpoint.shared().poll(|core, _| {
+            let reader = core.endpoints.reader_mut(self.endpoint.id());
+            reader.map_or_else(Vec::new, access)
         })
     }
 

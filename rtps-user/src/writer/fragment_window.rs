@@ -41,7 +41,7 @@ impl FragmentWindow {
         now: Instant,
         (sequence, fragment): (SequenceNumber, u32),
         size: u32,
-        can_tell: bool,
+        can_tell: impl FnOnce() -> bool,
     ) -> bool {
         if sequence != self.sequence {
             self.sequence = sequence;
@@ -51,8 +51,8 @@ impl FragmentWindow {
         if fragment <= self.limit || self.is_open {
             return true;
         }
-        let patience = if can_tell { PATIENCE } else { BLIND };
-        self.moves_at.get_or_insert(now + patience);
+        self.moves_at
+            .get_or_insert_with(|| now + if can_tell() { PATIENCE } else { BLIND });
         false
     }
 
@@ -104,7 +104,7 @@ mod tests {
     fn readers_that_tell_move_it() {
         let (mut window, now) = (FragmentWindow::new(), Instant::now());
         let admits = |window: &mut FragmentWindow, fragment| {
-            window.admits(now, (CHANGE, fragment), 10, true)
+            window.admits(now, (CHANGE, fragment), 10, || true)
         };
         assert!(admits(&mut window, 1) && admits(&mut window, 10));
         assert!(!admits(&mut window, 11));
@@ -121,26 +121,26 @@ mod tests {
     #[test]
     fn time_moves_it_for_the_others() {
         let (mut window, now) = (FragmentWindow::new(), Instant::now());
-        assert!(!window.admits(now, (CHANGE, 11), 10, false));
+        assert!(!window.admits(now, (CHANGE, 11), 10, || false));
         let soon = now + BLIND;
         assert_eq!(window.deadline(), Some(soon));
         window.expire(soon - Duration::from_nanos(1), 10);
-        assert!(!window.admits(now, (CHANGE, 11), 10, false));
+        assert!(!window.admits(now, (CHANGE, 11), 10, || false));
         window.expire(soon, 10);
         assert_eq!(window.deadline(), None);
-        assert!(window.admits(soon, (CHANGE, 20), 10, false));
-        assert!(!window.admits(soon, (CHANGE, 21), 10, false));
+        assert!(window.admits(soon, (CHANGE, 20), 10, || false));
+        assert!(!window.admits(soon, (CHANGE, 21), 10, || false));
     }
 
     #[test]
     fn each_change_begins_with_a_whole_one() {
         let (mut window, now) = (FragmentWindow::new(), Instant::now());
-        assert!(!window.admits(now, (CHANGE, 11), 10, true));
+        assert!(!window.admits(now, (CHANGE, 11), 10, || true));
         let next = CHANGE.next();
-        assert!(window.admits(now, (next, 1), 10, true));
+        assert!(window.admits(now, (next, 1), 10, || true));
         assert!(!window.is_closed());
-        assert!(!window.admits(now, (next, 11), 10, true));
+        assert!(!window.admits(now, (next, 11), 10, || true));
         window.open();
-        assert!(window.admits(now, (next, 1000), 10, true));
+        assert!(window.admits(now, (next, 1000), 10, || true));
     }
 }

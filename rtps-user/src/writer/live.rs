@@ -1,11 +1,12 @@
 //! The stream of new changes to all matched readers at once.
 
+use std::collections::BTreeMap;
 use std::time::Instant;
 
 use super::heartbeat::Sent;
-use super::{Packet, Position, Writer};
+use super::{Packet, Position, ReaderProxy, Writer};
 use crate::Transmit;
-use crate::wire::{Heartbeat, SequenceNumber, SequenceNumberSet};
+use crate::wire::{Guid, Heartbeat, SequenceNumber, SequenceNumberSet};
 
 /// How far the stream has got.
 #[derive(Clone, Copy, Debug)]
@@ -205,7 +206,8 @@ impl Writer {
     fn admits_fragment(&mut self, now: Instant) -> bool {
         let Position { sequence, fragment } = self.live.position;
         let size = self.fragments_in_window();
-        let can_tell = self.fragment_progress(sequence).is_some();
+        let readers = &self.readers;
+        let can_tell = || fragment_progress(readers, sequence).is_some();
         let admits = self
             .fragment_window
             .admits(now, (sequence, fragment), size, can_tell);
@@ -217,7 +219,7 @@ impl Writer {
 
     /// A reader has told how far it has got with the fragments of a change.
     pub(super) fn advance_fragments(&mut self, sequence: SequenceNumber) {
-        if let Some(fragment) = self.fragment_progress(sequence) {
+        if let Some(fragment) = fragment_progress(&self.readers, sequence) {
             let size = self.fragments_in_window();
             self.fragment_window.advance(sequence, fragment, size);
         }
@@ -230,13 +232,6 @@ impl Writer {
             let size = self.fragments_in_window();
             self.fragment_window.advance(sequence, fragment, size);
         }
-    }
-
-    /// The first fragment of a change that a reader lacks; `None` where not all readers tell.
-    fn fragment_progress(&self, sequence: SequenceNumber) -> Option<u32> {
-        let readers = self.readers.values();
-        let progress = readers.map(|proxy| proxy.progress(sequence));
-        progress.reduce(|one, other| Some(one?.min(other?)))?
     }
 
     pub(super) fn fragments_in_window(&self) -> u32 {
@@ -265,4 +260,14 @@ impl Writer {
         self.live.asserts_liveliness = false;
         self.heartbeats.sent_to_all();
     }
+}
+
+/// The first fragment of a change that a reader lacks; `None` where not all readers tell.
+fn fragment_progress(
+    readers: &BTreeMap<Guid, ReaderProxy>,
+    sequence: SequenceNumber,
+) -> Option<u32> {
+    let readers = readers.values();
+    let progress = readers.map(|proxy| proxy.progress(sequence));
+    progress.reduce(|one, other| Some(one?.min(other?)))?
 }
