@@ -99,12 +99,15 @@ impl Discovery {
             }
             return;
         }
-        // Who takes part in the reliable protocol and names us has got something from us: it is no mere invention.
+        // Who takes part in the reliable protocol and names us has got something from us: it is no mere invention. So
+        // has who acknowledges. Some small stacks do that without INFO_DST.
         let is_builtin = received
             .submessage
             .sender()
             .is_some_and(EntityId::is_builtin);
-        if is_builtin && received.is_directed {
+        let is_answer =
+            received.is_directed || matches!(received.submessage, Submessage::AckNack(_));
+        if is_builtin && is_answer {
             self.prove(now, from);
         }
     }

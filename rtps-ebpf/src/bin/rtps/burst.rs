@@ -8,11 +8,11 @@ use core::ops::ControlFlow;
 use rtps_ebpf::{
     Counter, SlotSet,
     abi::{DOORBELL_PACKET, Domain},
-    frame::{UDP_CHECKSUM, UDP_DESTINATION, UDP_LEN},
+    frame::UDP_LEN,
 };
 
 use crate::{
-    deliver::Delivery,
+    deliver::{Delivery, ring},
     maps::{self, Counters, Scratch},
     message::examine,
     sys::{LinkBuffer, Repeat, repeat},
@@ -148,14 +148,7 @@ fn deliver(buffer: &LinkBuffer, scratch: &mut Scratch, counters: Counters) -> Ta
         doorbell_by_packet,
     };
     match delivery.run() {
-        Some(port) if redirect(buffer, scratch.datagram.udp, port).is_ok() => Taken::Rings,
+        Some(port) if ring(buffer, scratch.datagram.udp, port).is_ok() => Taken::Rings,
         _ => Taken::Delivered,
     }
-}
-
-/// Turns the datagram into the doorbell of the app with this port, without a checksum, as the XDP hook does.
-#[inline(always)]
-fn redirect(buffer: &LinkBuffer, udp: u32, port: u16) -> Result<(), ()> {
-    buffer.store(udp + UDP_DESTINATION, &port.to_be_bytes())?;
-    buffer.store(udp + UDP_CHECKSUM, &[0, 0])
 }

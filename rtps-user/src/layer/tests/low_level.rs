@@ -449,6 +449,24 @@ fn who_says_goodbye_and_is_back_at_once_is_taken_in_again() {
 }
 
 #[test]
+fn who_acknowledges_without_naming_us_is_proven() {
+    let mut net = hosts(&[true]);
+    let mut bytes = Vec::new();
+    MessageWriter::new(&mut bytes, STRANGER).acknack(&AckNack {
+        reader: EntityId::SEDP_PUBLICATIONS_READER,
+        writer: EntityId::SEDP_PUBLICATIONS_WRITER,
+        state: SequenceNumberSet::empty(SequenceNumber(1)),
+        count: 1,
+        is_final: true,
+    });
+    net.inject(address(), GROUP, announcement());
+    net.inject(address(), GROUP, bytes);
+    net.run(SECOND);
+    assert_eq!(net.hosts[0].peers, [STRANGER].into());
+    assert!(net.kernel(0).strangers.is_empty());
+}
+
+#[test]
 fn where_the_low_level_layer_may_not_answer_the_layer_does() {
     let mut net = hosts(&[true, false]);
     net.kernel(0).may_answer = false;
