@@ -131,12 +131,32 @@ impl DomainHost {
         .to_vec()
     }
 
-    /// The interfaces' addresses may have changed.
+    /// The interfaces' addresses may have changed. Without any the host goes on to be what it was before: nobody hears
+    /// it, and those that it gets may be the same.
     pub(crate) fn set_addresses(&mut self, now: Instant, interfaces: &[Interface]) {
+        if interfaces.iter().all(|known| known.addresses.is_empty()) {
+            return;
+        }
         let id = self.sockets.participant_id;
         let metatraffic = locators(interfaces, self.ports.metatraffic_unicast(id));
         let user = locators(interfaces, self.ports.user_unicast(id));
         self.layer.set_addresses(now, metatraffic, user);
+    }
+
+    /// The interfaces' MTU may have changed: what the kernel sends in somebody's stead it cannot fragment. Others are
+    /// told when they come; what they send before is fragmented by IP.
+    pub(crate) fn set_datagram_size(
+        &mut self,
+        interfaces: &[Interface],
+        kernel: &mut KernelMaps,
+    ) -> Result<()> {
+        let size = rtps_net::datagram_size(interfaces);
+        if std::mem::replace(&mut self.datagram_size, size) == size {
+            return Ok(());
+        }
+        info!(domain = self.id, size, "datagrams have another size");
+        self.layer.set_datagram_size(size);
+        kernel.set_domain(self.identity.domain_index, self.entry())
     }
 
     /// Reads what came to a socket, up to a burst.
@@ -210,14 +230,6 @@ impl DomainHost {
                     self.layer.acknowledged(now, reader, base);
                 }
             }
-        }
-    }
-
-    /// After the first [`drain`](Self::drain), which brings the kernel up to date: forgets what it knows beyond that.
-    pub(crate) fn forget_old_samples(&self, kernel: &mut KernelMaps) {
-        let index = self.identity.domain_index;
-        if let Err(error) = kernel.discovery.forget_old_samples(index) {
-            warn!("{error:#}");
         }
     }
 
