@@ -131,12 +131,8 @@ impl DomainHost {
         .to_vec()
     }
 
-    /// The interfaces' addresses may have changed. Without any the host goes on to be what it was before: nobody hears
-    /// it, and those that it gets may be the same.
+    /// The interfaces' addresses may have changed.
     pub(crate) fn set_addresses(&mut self, now: Instant, interfaces: &[Interface]) {
-        if interfaces.iter().all(|known| known.addresses.is_empty()) {
-            return;
-        }
         let id = self.sockets.participant_id;
         let metatraffic = locators(interfaces, self.ports.metatraffic_unicast(id));
         let user = locators(interfaces, self.ports.user_unicast(id));

@@ -243,14 +243,16 @@ impl Layer {
         self.settle();
     }
 
-    /// The host has other addresses than before: tells the remote participants. What is no change is not told.
+    /// The host has other addresses than before: tells the remote participants. What is no change is not told, and
+    /// neither is that there are none: nobody would hear that, and those that come may be those of before.
     pub fn set_addresses(
         &mut self,
         now: Instant,
         metatraffic: Vec<SocketAddr>,
         user: Vec<SocketAddr>,
     ) {
-        if self.config.metatraffic == metatraffic && self.config.user == user {
+        let is_same = self.config.metatraffic == metatraffic && self.config.user == user;
+        if is_same || metatraffic.is_empty() {
             return;
         }
         self.config.metatraffic = metatraffic;
