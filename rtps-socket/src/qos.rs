@@ -3,6 +3,8 @@
 //! What is not set has the default of DDS 1.4 section 2.2.3: KEEP_LAST 1, VOLATILE, writers RELIABLE, readers
 //! BEST_EFFORT.
 
+mod consistency;
+
 use std::time::Duration;
 
 /// The policies themselves.
@@ -17,7 +19,9 @@ pub use rtps_user::qos::{
 };
 use rtps_user::wire;
 
+pub(crate) use self::consistency::check as check_consistency;
 use crate::driver::Inherits;
+use crate::error::InconsistentPolicy;
 
 /// The policies of a writer or reader.
 ///
@@ -267,6 +271,11 @@ impl Qos {
             self.reliability = Some(self.policies.reliability);
         }
         self
+    }
+
+    /// Refuses policies that contradict each other.
+    pub(crate) fn check(&self) -> Result<(), InconsistentPolicy> {
+        check_consistency(&self.policies)
     }
 
     /// TOPIC_DATA is the topic's, where nothing is said of it.

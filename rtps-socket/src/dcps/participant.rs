@@ -12,7 +12,7 @@ use super::{
 };
 use crate::cdr::DdsType;
 use crate::driver::Core;
-use crate::error::{CreateError, FilterError, OpenError};
+use crate::error::{CreateError, FilterError, OpenError, SetQosError};
 use crate::qos::Qos;
 use crate::socket::{Builder, RtpsSocket, Template};
 use crate::status::{EntityEvent, StatusMask};
@@ -73,7 +73,7 @@ impl DomainParticipant {
     /// A topic with policies that its writers and readers may be created with ([`Topic::qos`]).
     ///
     /// # Errors
-    /// When the name cannot be one.
+    /// When the name cannot be one, or the policies contradict each other.
     pub fn create_topic_with<T: DdsType>(
         &self,
         name: &str,
@@ -190,11 +190,11 @@ impl DomainParticipant {
 
     /// Changes USER_DATA, up to 256 bytes that others see in the participant's announcement
     /// ([`Builder::user_data`](Builder::user_data)).
-    pub fn set_user_data(&self, data: impl Into<Vec<u8>>) {
-        let user_data = data.into();
-        self.socket
-            .shared()
-            .with(|core, now| core.describe(now, user_data));
+    ///
+    /// # Errors
+    /// When there are more bytes than that.
+    pub fn set_user_data(&self, data: impl Into<Vec<u8>>) -> Result<(), SetQosError> {
+        Ok(self.socket.describe(data.into())?)
     }
 
     /// Asserts the liveliness of all writers with LIVELINESS MANUAL_BY_PARTICIPANT.

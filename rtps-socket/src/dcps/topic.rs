@@ -29,6 +29,7 @@ impl<T: DdsType> Topic<T> {
         if !Self::is_name(name) {
             return Err(CreateError::InvalidName(name.to_owned()));
         }
+        qos.check().map_err(CreateError::Inconsistent)?;
         Ok(Self {
             name: name.to_owned(),
             qos,

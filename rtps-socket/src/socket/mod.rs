@@ -13,6 +13,7 @@ mod template;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
 
+use rtps_user::layer::protocol::MAX_USER_DATA;
 use rtps_user::qos::Presentation;
 use rtps_user::reader::{InstanceOf, ReaderConfig, ReaderTiming};
 use rtps_user::wire::{EntityKind, Guid};
@@ -159,6 +160,18 @@ impl RtpsSocket {
 
     pub(crate) fn shared(&self) -> &Shared {
         self.driver.shared()
+    }
+
+    /// Has others see USER_DATA of the participant.
+    pub(crate) fn describe(&self, user_data: Vec<u8>) -> Result<(), CreateError> {
+        let (size, limit) = (user_data.len(), MAX_USER_DATA);
+        if size > limit {
+            return Err(CreateError::UserDataTooLong { size, limit });
+        }
+        self.driver
+            .shared()
+            .with(|core, now| core.describe(now, user_data));
+        Ok(())
     }
 
     /// A publisher or subscriber.

@@ -77,7 +77,12 @@ fn readers_come_and_go_with_their_filters() {
     );
     drop(reader);
     support::eventually(|| builtin.subscriptions().is_empty());
-    b.set_user_data(*b"new");
+    b.set_user_data(*b"new").unwrap();
+    let too_long = b.set_user_data([0; 257]).unwrap_err().to_string();
+    assert!(
+        too_long.contains("257 bytes and may have 256"),
+        "{too_long}"
+    );
     support::eventually(|| builtin.participants()[0].user_data == b"new");
 }
 
