@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use rtps_user::RemoteEndpoint;
+use rtps_user::discovery::ParticipantData;
 use rtps_user::qos::ContentFilter;
 use rtps_user::wire::{Guid, GuidPrefix};
 
@@ -60,6 +61,16 @@ pub struct EndpointBuiltinTopicData {
     pub content_filter: Option<ContentFilter>,
 }
 
+impl From<&ParticipantData> for ParticipantBuiltinTopicData {
+    fn from(participant: &ParticipantData) -> Self {
+        Self {
+            key: participant.prefix,
+            name: participant.name.clone(),
+            user_data: participant.user_data.clone(),
+        }
+    }
+}
+
 impl From<&RemoteEndpoint> for EndpointBuiltinTopicData {
     fn from(endpoint: &RemoteEndpoint) -> Self {
         Self {
@@ -86,23 +97,17 @@ impl BuiltinTopics {
 
     /// The remote participants. On the kernel layer a host is one participant, however many apps it runs.
     pub fn participants(&self) -> Vec<ParticipantBuiltinTopicData> {
-        self.look(|browser| {
-            let participants = browser.participants();
-            participants
-                .map(|data| ParticipantBuiltinTopicData {
-                    key: data.prefix,
-                    name: data.name.clone(),
-                    user_data: data.user_data.clone(),
-                })
-                .collect()
+        self.look(|core| {
+            let participants = core.known_participants();
+            participants.map(Into::into).collect()
         })
     }
 
     /// The topics that endpoints have, by name.
     pub fn topics(&self) -> Vec<TopicBuiltinTopicData> {
-        self.look(|browser| {
+        self.look(|core| {
             let mut topics = BTreeMap::new();
-            for endpoint in browser.endpoints() {
+            for endpoint in core.known_endpoints() {
                 topics
                     .entry((&endpoint.topic, &endpoint.type_name))
                     .or_insert(&endpoint.qos.topic_data);
@@ -130,7 +135,7 @@ impl BuiltinTopics {
 
     /// How often something has changed so far.
     pub fn changes(&self) -> u64 {
-        self.look(Browser::changes)
+        self.look(|core| core.browser().map_or(0, Browser::changes))
     }
 
     /// Waits until more has changed than `seen`; false when `timeout` passes before.
@@ -143,16 +148,13 @@ impl BuiltinTopics {
     }
 
     fn endpoints(&self, wanted: impl Fn(&RemoteEndpoint) -> bool) -> Vec<EndpointBuiltinTopicData> {
-        self.look(|browser| {
-            let endpoints = browser.endpoints().filter(|endpoint| wanted(endpoint));
+        self.look(|core| {
+            let endpoints = core.known_endpoints().filter(|endpoint| wanted(endpoint));
             endpoints.map(EndpointBuiltinTopicData::from).collect()
         })
     }
 
-    fn look<R: Default>(&self, look: impl FnOnce(&Browser) -> R) -> R {
-        self.socket
-            .shared()
-            .poll(|core, _| core.browser().map(look))
-            .unwrap_or_default()
+    fn look<R>(&self, look: impl FnOnce(&Core) -> R) -> R {
+        self.socket.shared().poll(|core, _| look(core))
     }
 }

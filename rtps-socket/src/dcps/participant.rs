@@ -5,16 +5,17 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use rtps_user::RemoteEndpoint;
+use rtps_user::wire::{EntityId, Guid, GuidPrefix};
 
 use super::{
-    BuiltinTopics, ContentFilteredTopic, DataReader, DataWriter, Publisher, Subscriber, Topic,
-    TopicDescription,
+    BuiltinTopics, ContentFilteredTopic, DataReader, DataWriter, Publisher, StatusCondition,
+    Subscriber, Topic, TopicDescription,
 };
 use crate::cdr::DdsType;
-use crate::driver::Core;
+use crate::driver::{Core, Ignore, Scope};
 use crate::error::{CreateError, FilterError, OpenError, SetQosError};
 use crate::qos::Qos;
-use crate::socket::{Builder, RtpsSocket, Template};
+use crate::socket::{Builder, RtpsSocket, Template, Trigger, Watched};
 use crate::status::{EntityEvent, StatusMask};
 
 /// An app's place in a DDS domain.
@@ -67,7 +68,7 @@ impl DomainParticipant {
     /// # Errors
     /// When the name cannot be one.
     pub fn create_topic<T: DdsType>(&self, name: &str) -> Result<Topic<T>, CreateError> {
-        Topic::new(name, Qos::default())
+        Topic::new(&self.socket, name, Qos::default())
     }
 
     /// A topic with policies that its writers and readers may be created with ([`Topic::qos`]).
@@ -79,7 +80,7 @@ impl DomainParticipant {
         name: &str,
         qos: Qos,
     ) -> Result<Topic<T>, CreateError> {
-        Topic::new(name, qos)
+        Topic::new(&self.socket, name, qos)
     }
 
     /// A topic as readers see it that want only the samples for which an expression of DDS 1.4 annex B is true;
@@ -103,19 +104,56 @@ impl DomainParticipant {
         let deadline = Instant::now().checked_add(timeout);
         self.socket.shared().with(Core::browse);
         let found = self.socket.shared().wait_until(deadline, |core, _| {
-            let mut endpoints = core.browser()?.endpoints();
+            let mut endpoints = core.known_endpoints();
             let is_it = |endpoint: &RemoteEndpoint| {
                 endpoint.topic == name && endpoint.type_name == T::TYPE_NAME
             };
             endpoints.any(is_it).then_some(())
         });
-        found.and_then(|()| Topic::new(name, Qos::default()).ok())
+        found.and_then(|()| Topic::new(&self.socket, name, Qos::default()).ok())
     }
 
     /// What is known of the domain: participants, topics, and the endpoints of others. From the first call on the layer
     /// tells of all of them.
     pub fn builtin(&self) -> BuiltinTopics {
         BuiltinTopics::new(self.socket.clone())
+    }
+
+    /// Behaves from now on as if a remote participant did not exist: matches with its endpoints end, and nothing of it is
+    /// seen in the built-in topics. With the [own prefix](Self::guid) this app's writers and readers do not match each
+    /// other.
+    ///
+    /// This and the other `ignore_*` cannot be undone. The other side is not told: it goes on counting the match, and a
+    /// reliable writer there waits for acknowledgements as of a reader that has stopped.
+    pub fn ignore_participant(&self, participant: GuidPrefix) {
+        self.ignore(Ignore::Participant(participant));
+    }
+
+    /// Behaves from now on as if a writer did not exist, as [`ignore_participant`](Self::ignore_participant) does.
+    pub fn ignore_publication(&self, writer: Guid) {
+        self.ignore(Ignore::Endpoint(writer));
+    }
+
+    /// Behaves from now on as if a reader did not exist, as [`ignore_participant`](Self::ignore_participant) does.
+    pub fn ignore_subscription(&self, reader: Guid) {
+        self.ignore(Ignore::Endpoint(reader));
+    }
+
+    /// Behaves from now on as if nobody, this participant included, had writers or readers of the topic of that name.
+    pub fn ignore_topic(&self, name: &str) {
+        self.ignore(Ignore::Topic(name.to_owned()));
+    }
+
+    fn ignore(&self, ignore: Ignore) {
+        self.socket
+            .shared()
+            .with(|core, now| core.ignore(now, ignore));
+    }
+
+    /// Its name. On the kernel layer the apps of a host are one participant to others, and have this in common.
+    pub fn guid(&self) -> Guid {
+        let prefix = self.socket.shared().with(|core, _| core.endpoints.prefix());
+        Guid::new(prefix, EntityId::PARTICIPANT)
     }
 
     /// A publisher: writers with policies in common.
@@ -186,6 +224,20 @@ impl DomainParticipant {
         listener: impl Fn(EntityEvent) + Send + Sync + 'static,
     ) {
         self.socket.set_listener(mask, listener);
+    }
+
+    /// A condition that is true while one of these statuses of one of its writers and readers has changed since it was last
+    /// asked for. A participant has no statuses of its own.
+    pub fn status_condition(&self, statuses: StatusMask) -> StatusCondition {
+        let shared = self.socket.shared();
+        let watched = Watched::new(shared, Scope::Participant, Trigger::on(statuses));
+        StatusCondition::new(watched)
+    }
+
+    /// The statuses of its writers and readers that have changed since they were last asked for.
+    pub fn status_changes(&self) -> StatusMask {
+        let shared = self.socket.shared();
+        shared.poll(|core, _| core.status_changes(Scope::Participant))
     }
 
     /// Changes USER_DATA, up to 256 bytes that others see in the participant's announcement

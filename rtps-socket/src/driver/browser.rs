@@ -36,17 +36,22 @@ impl Browser {
             Discovered::More(last) => return Some(last),
             Discovered::Complete => self.is_complete = true,
         }
-        self.changes += 1;
+        self.touch();
         None
     }
 
+    /// It looks different from now on.
+    pub(super) fn touch(&mut self) {
+        self.changes += 1;
+    }
+
     /// The remote participants.
-    pub(crate) fn participants(&self) -> impl Iterator<Item = &ParticipantData> {
+    pub(super) fn participants(&self) -> impl Iterator<Item = &ParticipantData> {
         self.participants.values()
     }
 
     /// The endpoints of remote participants and of other apps.
-    pub(crate) fn endpoints(&self) -> impl Iterator<Item = &RemoteEndpoint> {
+    pub(super) fn endpoints(&self) -> impl Iterator<Item = &RemoteEndpoint> {
         self.endpoints.values()
     }
 

@@ -140,6 +140,9 @@ impl RtpsSocket {
             });
             core.declare(now, template.into_declaration(guid.entity));
             core.stage_groups(guid.entity);
+            if let Some(group) = &group {
+                group.welcome_reader(core, guid.entity);
+            }
             Ok(guid)
         })?;
         let endpoint = EndpointHandle::new(&self.driver, guid, group);
@@ -158,7 +161,7 @@ impl RtpsSocket {
             .with(|core, _| core.set_entity_listener(None, mask, Arc::new(listener)));
     }
 
-    pub(crate) fn shared(&self) -> &Shared {
+    pub(crate) fn shared(&self) -> &Arc<Shared> {
         self.driver.shared()
     }
 

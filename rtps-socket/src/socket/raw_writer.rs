@@ -292,7 +292,7 @@ impl RawWriter {
 
     /// The statuses that have changed since they were last asked for.
     pub fn status_changes(&self) -> StatusMask {
-        self.endpoint.status(|statuses| statuses.changed())
+        self.endpoint.status_changes()
     }
 
     /// PUBLICATION_MATCHED.

@@ -123,3 +123,64 @@ fn the_past_can_be_waited_for() {
     reader.wait_for_historical_data(LONG).unwrap();
     assert_eq!(reader.take().len(), 200);
 }
+
+/// A writer of one participant, and readers of another and of its own.
+#[test]
+fn what_is_ignored_is_as_if_it_did_not_exist() {
+    let domain = support::own_network();
+    let [a, b, c] = [(); 3].map(|()| participant(domain));
+    let topics = ["One", "Two"].map(|name| a.create_topic::<Shape>(name).unwrap());
+    let writers_of = |of: &DomainParticipant| {
+        topics
+            .each_ref()
+            .map(|t| of.create_writer(t, Qos::reliable()).unwrap())
+    };
+    let (of_b, of_c, own) = (writers_of(&b), writers_of(&c), writers_of(&a));
+    let readers = topics.each_ref().map(|topic| {
+        let reader = a.create_reader(topic, Qos::reliable().keep_all()).unwrap();
+        reader.wait_for_matched(3, LONG).unwrap();
+        reader
+    });
+    for writer in [&of_b[0], &of_c[0], &own[0]] {
+        writer.wait_for_matched(1, LONG).unwrap();
+    }
+    let builtin = a.builtin();
+    assert_eq!(builtin.participants().len(), 2);
+    let seen = builtin.changes();
+    a.ignore_participant(b.guid().prefix);
+    assert!(builtin.wait(seen, LONG));
+    assert_eq!(builtin.participants()[0].key, c.guid().prefix);
+    assert!(
+        builtin
+            .publications()
+            .iter()
+            .all(|known| known.key.prefix == c.guid().prefix)
+    );
+    assert_eq!(readers[0].matched().len(), 2, "the match has ended");
+    let status = readers[0].subscription_matched_status();
+    assert_eq!((status.total.total_count, status.current_count), (3, 2));
+    of_b[0].write(&shape("BLUE", 1, 0)).unwrap();
+    of_c[0].write(&shape("BLUE", 2, 0)).unwrap();
+    own[0].write(&shape("BLUE", 3, 0)).unwrap();
+    own[0].wait_for_acknowledgments(LONG).unwrap();
+    of_c[0].wait_for_acknowledgments(LONG).unwrap();
+    assert_eq!(readers[0].take().len(), 2);
+    a.ignore_participant(a.guid().prefix);
+    assert_eq!(readers[0].matched(), [of_c[0].guid()]);
+    assert!(
+        own[0].matched().is_empty(),
+        "nor does the writer know the reader"
+    );
+    let late = a.create_reader(&topics[0], Qos::reliable()).unwrap();
+    late.wait_for_matched(1, LONG).unwrap();
+    a.ignore_publication(of_c[0].guid());
+    assert!(readers[0].matched().is_empty() && late.matched().is_empty());
+    assert_eq!(readers[1].matched(), [of_c[1].guid()]);
+    a.ignore_topic("Two");
+    assert!(readers[1].matched().is_empty());
+    assert!(builtin.topics().is_empty());
+    let reader = c.create_reader(&topics[0], Qos::reliable()).unwrap();
+    own[0].wait_for_matched(1, LONG).unwrap();
+    a.ignore_subscription(reader.guid());
+    assert!(own[0].matched().is_empty());
+}
