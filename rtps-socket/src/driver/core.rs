@@ -236,6 +236,11 @@ impl Core {
     /// Asserts the liveliness of all writers that want the app to do so.
     pub(crate) fn assert_liveliness(&mut self, now: Instant) {
         self.endpoints.assert_liveliness(now);
+        self.tell_assertion(now);
+    }
+
+    /// Has readers of others learn that the writers are alive.
+    pub(super) fn tell_assertion(&mut self, now: Instant) {
         self.link.request(now, ToLayer::AssertLiveliness);
     }
 
@@ -319,7 +324,7 @@ impl Core {
             }
         }
         while let Some(event) = self.endpoints.poll_event() {
-            self.handle_event(event);
+            self.handle_event(now, event);
         }
     }
 

@@ -97,13 +97,14 @@ impl Core {
         }
     }
 
-    pub(super) fn handle_event(&mut self, event: EndpointEvent) {
+    pub(super) fn handle_event(&mut self, now: Instant, event: EndpointEvent) {
         match event {
             EndpointEvent::DataAvailable(id) => {
                 self.batching.expect_answer();
                 self.review_group(id);
                 self.on_entity(id, |entity, audience| entity.data_available(audience));
             }
+            EndpointEvent::Asserted { .. } => self.tell_assertion(now),
             EndpointEvent::Acknowledged(id) => {
                 self.on_entity(id, |entity, audience| entity.wake(audience));
             }
@@ -158,7 +159,9 @@ impl Core {
 /// The status that an event changes, and whose it is. Its total is counted later.
 fn status_of(event: EndpointEvent) -> Option<(EntityId, StatusEvent)> {
     Some(match event {
-        EndpointEvent::DataAvailable(_) | EndpointEvent::Acknowledged(_) => return None,
+        EndpointEvent::DataAvailable(_)
+        | EndpointEvent::Acknowledged(_)
+        | EndpointEvent::Asserted { .. } => return None,
         EndpointEvent::LivelinessLost(writer) => (writer, StatusEvent::LivelinessLost { total: 0 }),
         EndpointEvent::SampleLost {
             reader,
