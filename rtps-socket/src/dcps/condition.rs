@@ -94,7 +94,7 @@ impl fmt::Debug for Condition {
             Source::Guard(_) => "GuardCondition",
             Source::Entity(watched) => match watched.trigger() {
                 Trigger::Status(_) => "StatusCondition",
-                Trigger::Read(_) => "ReadCondition",
+                Trigger::Read(_) | Trigger::Holds(_) => "ReadCondition",
                 Trigger::Query(..) => "QueryCondition",
             },
         };

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use rtps_user::RemoteEndpoint;
 use rtps_user::wire::{EntityId, Guid, GuidPrefix};
@@ -105,7 +105,7 @@ impl DomainParticipant {
         self.socket.shared().with(Core::browse);
         let found = self.socket.shared().wait_until(deadline, |core, _| {
             let mut endpoints = core.known_endpoints();
-            let is_it = |endpoint: &RemoteEndpoint| {
+            let is_it = |(_, endpoint): (u64, &RemoteEndpoint)| {
                 endpoint.topic == name && endpoint.type_name == T::TYPE_NAME
             };
             endpoints.any(is_it).then_some(())
@@ -154,6 +154,18 @@ impl DomainParticipant {
     pub fn guid(&self) -> Guid {
         let prefix = self.socket.shared().with(|core, _| core.endpoints.prefix());
         Guid::new(prefix, EntityId::PARTICIPANT)
+    }
+
+    /// Whether it has a writer or reader of that name.
+    pub fn contains_entity(&self, guid: Guid) -> bool {
+        let shared = self.socket.shared();
+        shared.with(|core, _| core.is_own(guid) && core.entity(guid.entity).is_some())
+    }
+
+    /// The time that samples are stamped with.
+    pub fn current_time(&self) -> SystemTime {
+        let shared = self.socket.shared();
+        shared.with(|core, now| core.wall_time(now))
     }
 
     /// A publisher: writers with policies in common.

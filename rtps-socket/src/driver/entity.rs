@@ -159,6 +159,8 @@ impl Entity {
             .partition(|event| mask.contains(event.kind()));
         self.events = kept;
         let told: VecDeque<StatusEvent> = told;
+        told.iter()
+            .for_each(|event| self.statuses.told(event.kind()));
         told.into()
     }
 

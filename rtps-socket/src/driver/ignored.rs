@@ -78,18 +78,18 @@ impl Core {
         is_of_ignored || self.ignored.endpoints.contains(&guid)
     }
 
-    /// The remote participants, if the app has asked for them, that are not ignored.
-    pub(crate) fn known_participants(&self) -> impl Iterator<Item = &ParticipantData> {
+    /// The remote participants, if the app has asked for them, that are not ignored; with the change that was theirs last.
+    pub(crate) fn known_participants(&self) -> impl Iterator<Item = (u64, &ParticipantData)> {
         let known = self.browser().into_iter();
         let known = known.flat_map(|browser| browser.participants());
-        known.filter(|known| !self.ignored.participants.contains(&known.prefix))
+        known.filter(|(_, known)| !self.ignored.participants.contains(&known.prefix))
     }
 
-    /// The endpoints of others, if the app has asked for them, that are not ignored.
-    pub(crate) fn known_endpoints(&self) -> impl Iterator<Item = &RemoteEndpoint> {
+    /// The endpoints of others, if the app has asked for them, that are not ignored; with the change that was theirs last.
+    pub(crate) fn known_endpoints(&self) -> impl Iterator<Item = (u64, &RemoteEndpoint)> {
         let known = self.browser().into_iter();
         let known = known.flat_map(|browser| browser.endpoints());
-        known.filter(|known| {
+        known.filter(|(_, known)| {
             !self.is_ignored(known.guid) && !self.ignored.topics.contains(&known.topic)
         })
     }

@@ -24,6 +24,8 @@ pub(crate) enum Trigger {
     Read(Selection),
     /// There is a sample of a selection that passes.
     Query(Selection, Mutex<PayloadFilter>),
+    /// What is found in the participant is so.
+    Holds(Box<dyn Fn(&Core) -> bool + Send + Sync>),
 }
 
 impl Trigger {
@@ -63,6 +65,7 @@ impl Watched {
                 let mask = StatusMask::from_bits(mask.load(Ordering::Relaxed));
                 core.status_changes(self.scope).intersects(mask)
             }
+            Trigger::Holds(is_true) => is_true(core),
             Trigger::Read(selection) => self
                 .reader(core)
                 .is_some_and(|reader| reader.has_matching(selection)),

@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use rtps_socket::{DomainParticipant, LayerChoice, Qos};
+use rtps_socket::{
+    DomainParticipant, InstanceState, LayerChoice, Qos, Selection, ViewState, WaitSet,
+};
 
 use crate::support::{self, Shape, participant, shape};
 
@@ -51,6 +53,9 @@ fn a_domain_can_be_looked_at() {
         (remote.key, &*remote.user_data),
         (writer.guid().prefix, &b"u"[..])
     );
+    let data = builtin.participant(remote.key);
+    assert_eq!(data.as_ref(), Some(remote));
+    assert!(a.contains_entity(own.guid()) && !a.contains_entity(writer.guid()));
     drop((writer, b));
     support::eventually(|| builtin.participants().is_empty() && builtin.topics().is_empty());
     assert!(own.matched().is_empty());
@@ -183,4 +188,59 @@ fn what_is_ignored_is_as_if_it_did_not_exist() {
     own[0].wait_for_matched(1, LONG).unwrap();
     a.ignore_subscription(reader.guid());
     assert!(own[0].matched().is_empty());
+}
+
+#[test]
+fn the_domain_is_told_in_samples() {
+    let domain = support::own_network();
+    let a = participant(domain);
+    let builtin = a.builtin();
+    let participants = builtin.participant_reader();
+    let writers = builtin.publication_reader();
+    let topics = builtin.topic_reader();
+    let is_alive = participants.read_condition(Selection::not_read());
+    let over = participants.read_condition(Selection {
+        instance_states: InstanceState::NotAliveDisposed.into(),
+        ..Selection::default()
+    });
+    let set = WaitSet::new();
+    set.attach(&is_alive);
+    assert!(!set.wait(LONG / 1000).contains(is_alive.as_ref()));
+    let b = participant(domain);
+    assert_eq!(set.wait(LONG), [is_alive.as_ref().clone()]);
+    let [sample] = &participants.read(9, is_alive.selection())[..] else {
+        panic!("not just one");
+    };
+    assert_eq!(sample.data.as_ref().unwrap().key, b.guid().prefix);
+    assert_eq!(sample.info.instance.0, b.guid().to_bytes());
+    assert_eq!(sample.info.view_state, ViewState::New);
+    assert!(!is_alive.as_ref().trigger_value(), "it has been read");
+    let topic = b.create_topic::<Shape>("Watched").unwrap();
+    let writer = b.create_writer(&topic, Qos::reliable()).unwrap();
+    assert!(writers.wait(LONG));
+    assert_eq!(topics.take(9, &Selection::default()).len(), 1);
+    let of_writer = writers.take(9, &Selection::default()).remove(0);
+    assert_eq!(of_writer.data.unwrap().key, writer.guid());
+    writer.set_qos(Qos::reliable().user_data(*b"w")).unwrap();
+    assert!(writers.wait(LONG));
+    let changed = writers.take(9, &Selection::default()).remove(0);
+    assert_eq!(changed.data.unwrap().qos.user_data, b"w");
+    assert_eq!(changed.info.view_state, ViewState::NotNew);
+    assert!(writers.take(9, &Selection::default()).is_empty());
+    set.detach(&is_alive);
+    set.attach(&over);
+    let gone = b.guid().prefix;
+    drop((b, writer));
+    assert_eq!(support::block_on(set.wait_async()), [over.as_ref().clone()]);
+    let last = participants.take(9, over.selection()).remove(0);
+    assert_eq!((last.data, last.key.unwrap().key), (None, gone));
+    assert!(participants.read(9, &Selection::default()).is_empty());
+    for instance_state in [
+        writers.take(9, &Selection::default())[0]
+            .info
+            .instance_state,
+        topics.take(9, &Selection::default())[0].info.instance_state,
+    ] {
+        assert_eq!(instance_state, InstanceState::NotAliveDisposed);
+    }
 }
