@@ -6,11 +6,8 @@ use crate::wire::{Guid, SequenceNumber};
 
 fn member(id: u32, name: &'static str, member_type: TypePair) -> StructMember {
     StructMember {
-        name,
-        id,
         key: id == 0,
-        optional: false,
-        member_type,
+        ..StructMember::new(name, id, member_type)
     }
 }
 
@@ -23,6 +20,8 @@ fn structure(extensibility: Extensibility, members: Vec<StructMember>) -> TypeSu
         types.define("T", |_| {
             Some(Definition::Struct {
                 extensibility,
+                autoid_hash: false,
+                base: None,
                 members,
             })
         })

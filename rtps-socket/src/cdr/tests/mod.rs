@@ -1,5 +1,6 @@
 //! Types that the tests share: every kind of type, nested in one another.
 
+mod constructs;
 mod evolution;
 mod fields;
 mod hostile;
