@@ -5,6 +5,7 @@ mod evolution;
 mod fields;
 mod hostile;
 mod keys;
+mod ros;
 mod round_trip;
 mod samples;
 mod type_objects;
