@@ -118,12 +118,10 @@ impl Endpoints {
         let place = self.endpoints.find(reader)?;
         let scheduled = self.endpoints.at_mut(place)?;
         let reader = scheduled.endpoint.as_reader_mut()?;
-        let makes_room = reader.is_blocked();
-        let sample = reader.take_next(selection);
-        if makes_room {
+        if reader.is_blocked() {
             self.schedule.touch(place, &mut scheduled.mark);
         }
-        sample
+        reader.take_next(selection)
     }
 
     /// Matches a local endpoint with a remote one, or updates what is known of a matched one.
