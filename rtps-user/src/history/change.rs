@@ -79,10 +79,10 @@ pub struct CacheChange {
     pub membership: Option<Box<Membership>>,
     /// The weight of all changes before this one, also of those that are not there any more.
     pub(super) before: u64,
-    /// The change of the same instance before this one that is still in the history.
-    pub(super) older: Option<SequenceNumber>,
-    /// The change of the same instance after this one that is still in the history.
-    pub(super) newer: Option<SequenceNumber>,
+    /// The change of the same instance before this one that is still in the history, or 0.
+    pub(super) older: SequenceNumber,
+    /// The change of the same instance after this one that is still in the history, or 0.
+    pub(super) newer: SequenceNumber,
 }
 
 impl CacheChange {
@@ -93,7 +93,7 @@ impl CacheChange {
         change: NewChange,
         membership: Option<Box<Membership>>,
         before: u64,
-        older: Option<SequenceNumber>,
+        older: SequenceNumber,
     ) -> Self {
         Self {
             kind: change.kind,
@@ -103,7 +103,7 @@ impl CacheChange {
             membership,
             before,
             older,
-            newer: None,
+            newer: SequenceNumber::ZERO,
         }
     }
 
