@@ -86,8 +86,9 @@ pub struct CacheChange {
 }
 
 impl CacheChange {
-    /// What a change costs beside its payload, in the history as well as on the wire and in the inboxes of readers.
-    pub const OVERHEAD: usize = 128;
+    /// What a change costs beside its payload in the history, whose room grows by doubling, and in the caches of readers;
+    /// on the wire and in the inboxes of readers it is less.
+    pub const OVERHEAD: usize = 224;
 
     pub(super) fn new(
         change: NewChange,

@@ -91,14 +91,21 @@ fn reminders_come_ever_later_and_end_with_the_acknowledgement() {
 }
 
 #[test]
-fn a_heartbeat_travels_with_every_256th_change() {
-    let mut bench = matched(reliable(Durability::Volatile));
+fn a_heartbeat_travels_with_every_so_many_changes() {
+    let timing = WriterTiming {
+        heartbeat_samples: 32,
+        ..WriterTiming::default()
+    };
+    let qos = reliable(Durability::Volatile);
+    let mut bench = Bench::with_timing(qos.clone(), timing);
+    bench.match_reader(1, 7411, qos);
+    bench.lines();
     let mut heartbeats = 0;
-    for number in 1..=768 {
-        bench.write(10);
+    for number in 1..=96 {
+        bench.write(100);
         let lines = bench.lines();
         heartbeats += lines.len() - 1;
-        assert_eq!(lines.len() == 2, number % 256 == 0, "{lines:?}");
+        assert_eq!(lines.len() == 2, number % 32 == 0, "{lines:?}");
     }
     assert_eq!(heartbeats, 3);
 }
