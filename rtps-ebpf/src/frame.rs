@@ -17,6 +17,8 @@ pub const PROTOCOL_UDP: u8 = 17;
 const IPV6_FRAGMENT_HEADER: u8 = 44;
 /// Bytes of an IPv4 header without options.
 pub const IPV4_MIN_LEN: u32 = 20;
+/// Offset of the total length in an IPv4 header.
+pub const IPV4_LENGTH: u32 = 2;
 /// Offset of the checksum in an IPv4 header.
 pub const IPV4_CHECKSUM: u32 = 10;
 /// Offset of the source address in an IPv4 header.
@@ -32,6 +34,8 @@ const IPV4_FRAGMENT_MASK: u16 = 0x3fff;
 pub const UDP_LEN: u32 = 8;
 /// Offset of the destination port in a UDP header.
 pub const UDP_DESTINATION: u32 = 2;
+/// Offset of the length in a UDP header.
+pub const UDP_LENGTH: u32 = 4;
 /// Offset of the checksum in a UDP header.
 pub const UDP_CHECKSUM: u32 = 6;
 

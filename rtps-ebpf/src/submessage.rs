@@ -39,6 +39,12 @@ pub(crate) mod flag {
 
 /// Bytes of a submessage header.
 const HEADER_LEN: u32 = 4;
+/// Bytes of the fields of a DATA.
+const DATA_FIELDS: usize = 20;
+/// Bytes of an INFO_TS with a timestamp.
+const INFO_TS: usize = 12;
+/// Bytes of a DATA before what differs in length.
+const LEAD: usize = HEADER_LEN as usize + DATA_FIELDS;
 /// Bytes of a parameter list that holds its sentinel only.
 const MIN_PARAMETER_LIST: u32 = 4;
 /// Bytes of the encapsulation header that every serialized payload begins with.
@@ -78,11 +84,44 @@ impl Submessage {
     /// Reads the header at `offset`, which must not be the end.
     #[inline(always)]
     pub(crate) fn read(bytes: &(impl Bytes + ?Sized), offset: u32) -> Result<Self, Reason> {
-        let Some([id, flags, a, b]) = bytes.load::<4>(offset) else {
-            return Err(Reason::SubmessageHeader);
+        match bytes.load::<4>(offset) {
+            Some(header) => Self::new(header, offset, bytes.len()),
+            None => Err(Reason::SubmessageHeader),
+        }
+    }
+
+    /// Reads the submessage at `offset`, or the one behind it where that is a timestamp, and says what it means.
+    ///
+    /// Samples come as INFO_TS and DATA, many in a message: both are read at once, because each read is a call for
+    /// the kernel's programs.
+    #[inline(always)]
+    pub(crate) fn read_next(
+        bytes: &(impl Bytes + ?Sized),
+        offset: u32,
+    ) -> Result<(Self, Meaning), Reason> {
+        let Some(window) = bytes.load::<{ INFO_TS + LEAD }>(offset) else {
+            let submessage = Self::read(bytes, offset)?;
+            return Ok((submessage, submessage.meaning(bytes)?));
         };
+        let (offset, lead): (u32, [u8; LEAD]) = if is_timestamp(&window) {
+            (offset + INFO_TS as u32, part(&window, INFO_TS))
+        } else {
+            (offset, part(&window, 0))
+        };
+        let submessage = Self::new(part(&lead, 0), offset, bytes.len())?;
+        let meaning = if submessage.id == id::DATA && submessage.len >= DATA_FIELDS as u32 {
+            submessage.data_of(&part(&lead, HEADER_LEN as usize))?
+        } else {
+            submessage.meaning(bytes)?
+        };
+        Ok((submessage, meaning))
+    }
+
+    /// With this header at `offset` of a message of `end` bytes.
+    #[inline(always)]
+    fn new([id, flags, a, b]: [u8; 4], offset: u32, end: u32) -> Result<Self, Reason> {
         let start = offset + HEADER_LEN;
-        let left = bytes.len() - start;
+        let left = end - start;
         let mut submessage = Self {
             id,
             flags,
@@ -135,11 +174,15 @@ impl Submessage {
     /// RTPS 2.5, 9.4.5.4.
     #[inline(always)]
     fn data(&self, bytes: &(impl Bytes + ?Sized)) -> Result<Meaning, Reason> {
-        let fields = self.fields::<20>(bytes)?;
-        let reader = part(&fields, 4);
-        let writer = part(&fields, 8);
-        self.check_number(part(&fields, 12))?;
-        let rest = self.after_inline_qos_offset(part(&fields, 2), 20)?;
+        self.data_of(&self.fields(bytes)?)
+    }
+
+    #[inline(always)]
+    fn data_of(&self, fields: &[u8; DATA_FIELDS]) -> Result<Meaning, Reason> {
+        let reader = part(fields, 4);
+        let writer = part(fields, 8);
+        self.check_number(part(fields, 12))?;
+        let rest = self.after_inline_qos_offset(part(fields, 2), DATA_FIELDS as u32)?;
         let (data, key) = (self.has(flag::DATA), self.has(flag::KEY));
         let needed = self.inline_qos_len() + if data | key { MIN_PAYLOAD } else { 0 };
         if data & key | (rest < needed) {
@@ -408,6 +451,19 @@ impl Submessage {
         let low = self.u32(part(&bytes, 4));
         i64::from(high) << 32 | i64::from(low)
     }
+}
+
+/// Whether the bytes begin with an INFO_TS that has a timestamp (RTPS 2.5, 9.4.5.13).
+#[inline(always)]
+fn is_timestamp<const N: usize>(bytes: &[u8; N]) -> bool {
+    let [id, flags, a, b]: [u8; 4] = part(bytes, 0);
+    let len = match flags & flag::LITTLE_ENDIAN {
+        0 => u16::from_be_bytes([a, b]),
+        _ => u16::from_le_bytes([a, b]),
+    };
+    id == id::INFO_TS
+        && flags & flag::INVALIDATE == 0
+        && usize::from(len) == INFO_TS - HEADER_LEN as usize
 }
 
 /// `M` of `N` bytes; `at` is a constant in every call and within bounds.

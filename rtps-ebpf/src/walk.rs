@@ -134,7 +134,15 @@ impl Walk {
         }
     }
 
-    /// Takes the header, or one submessage.
+    /// Goes on with another message of the same burst, from the same address. What it concerns is added, and what has
+    /// been looked up need not be again.
+    #[inline(always)]
+    pub const fn next_message(&mut self) {
+        self.offset = 0;
+        self.foreign = false;
+    }
+
+    /// Takes the header, or one submessage, with the timestamp before it.
     #[inline(always)]
     pub fn step(&mut self, bytes: &(impl Bytes + ?Sized), routes: &impl Routes) -> Step {
         let taken = if self.offset == 0 {
@@ -193,7 +201,9 @@ impl Walk {
             return Err(Reason::BadVersion);
         }
         self.sender = prefix;
-        self.comes_from(prefix, routes);
+        if prefix != self.source {
+            self.comes_from(prefix, routes);
+        }
         self.offset = HEADER_LEN;
         Ok(())
     }
@@ -204,8 +214,8 @@ impl Walk {
         bytes: &(impl Bytes + ?Sized),
         routes: &impl Routes,
     ) -> Result<(), Reason> {
-        let submessage = Submessage::read(bytes, self.offset)?;
-        self.follow(submessage.meaning(bytes)?, routes);
+        let (submessage, meaning) = Submessage::read_next(bytes, self.offset)?;
+        self.follow(meaning, routes);
         self.offset = submessage.end();
         Ok(())
     }

@@ -1,5 +1,7 @@
 //! Errors, one enum per operation; each says what can be done about it.
 
+use std::time::Duration;
+
 use rtps_user::qos::PolicyId;
 use rtps_user::writer;
 use thiserror::Error;
@@ -18,24 +20,9 @@ pub enum CreateError {
     /// Names are 1 to 255 bytes without NUL.
     #[error("{0:?} is no name for a topic or type: it needs 1 to 255 bytes and no NUL")]
     InvalidName(String),
-    /// KEEP_LAST of nothing.
-    #[error("the history depth is 0: keep at least the last sample")]
-    NoHistory,
-    /// RESOURCE_LIMITS leave no room for what HISTORY wants kept.
-    #[error(
-        "KEEP_LAST {depth} needs room for as many samples per instance, but RESOURCE_LIMITS allow {limit}"
-    )]
-    InconsistentLimits {
-        /// Of HISTORY.
-        depth: u32,
-        /// Of RESOURCE_LIMITS.
-        limit: u32,
-    },
-    /// A reader that wants samples rarely cannot want them often.
-    #[error(
-        "the minimum separation of TIME_BASED_FILTER exceeds the period of DEADLINE: each deadline would be missed"
-    )]
-    InconsistentSeparation,
+    /// INCONSISTENT_POLICY.
+    #[error(transparent)]
+    Inconsistent(InconsistentPolicy),
     /// Entity ids have 16 bits for an app's endpoints.
     #[error("the participant has 65,535 endpoints already: drop some")]
     TooManyEndpoints,
@@ -50,12 +37,82 @@ pub enum CreateError {
         /// What it may have, in bytes.
         limit: usize,
     },
+    /// USER_DATA of a participant has to fit in its announcement.
+    #[error("USER_DATA of the participant has {size} bytes and may have {limit}")]
+    UserDataTooLong {
+        /// What it would have, in bytes.
+        size: usize,
+        /// What it may have, in bytes.
+        limit: usize,
+    },
     /// The layer was set up anew, and the participant is no longer part of the domain.
     #[error("the layer was unloaded: open the participant again")]
     LayerLost,
     /// Nothing but CDR is written.
     #[error("the XML data representation is not supported: choose xcdr1() or xcdr2()")]
     UnsupportedRepresentation,
+}
+
+/// INCONSISTENT_POLICY: policies that contradict each other or leave nothing to do (DDS 1.4 section 2.2.3). Those of HISTORY
+/// and RESOURCE_LIMITS are also checked within DURABILITY_SERVICE, which `policy` is then.
+#[derive(Clone, Copy, Debug, Eq, Error, PartialEq)]
+#[non_exhaustive]
+pub enum InconsistentPolicy {
+    /// KEEP_LAST of nothing.
+    #[error("{policy:?}: KEEP_LAST 0 keeps nothing: keep at least the last sample")]
+    NoHistory {
+        /// HISTORY or DURABILITY_SERVICE.
+        policy: PolicyId,
+    },
+    /// A limit without room for anything.
+    #[error("{policy:?}: {limit} is 0, so that no sample would be taken: None is no limit")]
+    NoRoom {
+        /// HISTORY or DURABILITY_SERVICE.
+        policy: PolicyId,
+        /// Its name.
+        limit: &'static str,
+    },
+    /// RESOURCE_LIMITS leave no room for what HISTORY wants kept.
+    #[error("{policy:?}: KEEP_LAST {depth} exceeds max_samples_per_instance {limit}")]
+    Depth {
+        /// HISTORY or DURABILITY_SERVICE.
+        policy: PolicyId,
+        /// Of HISTORY.
+        depth: u32,
+        /// Of RESOURCE_LIMITS.
+        limit: u32,
+    },
+    /// RESOURCE_LIMITS allow more samples of an instance than of all.
+    #[error(
+        "{policy:?}: max_samples {samples} is less than max_samples_per_instance {per_instance}"
+    )]
+    Limits {
+        /// HISTORY or DURABILITY_SERVICE.
+        policy: PolicyId,
+        /// max_samples.
+        samples: u32,
+        /// max_samples_per_instance.
+        per_instance: u32,
+    },
+    /// DEADLINE without time.
+    #[error("the period of DEADLINE is 0: every sample would be too late")]
+    NoPeriod,
+    /// A reader that wants samples rarely cannot want them often; `None` is for ever.
+    #[error(
+        "the minimum separation of TIME_BASED_FILTER, {}, exceeds the period of DEADLINE, {}: each deadline would be missed",
+        shown(.separation),
+        shown(.deadline)
+    )]
+    Separation {
+        /// Of TIME_BASED_FILTER.
+        separation: Option<Duration>,
+        /// Of DEADLINE.
+        deadline: Option<Duration>,
+    },
+}
+
+fn shown(duration: &Option<Duration>) -> String {
+    duration.map_or_else(|| "infinite".to_owned(), |time| format!("{time:?}"))
 }
 
 /// Why a filter is refused.

@@ -28,8 +28,8 @@ mod sys;
 
 pub use bytes::Bytes;
 pub use dcps::{
-    Access, BuiltinTopics, CoherentChanges, Condition, ContentFilteredTopic, DataReader,
-    DataWriter, DomainParticipant, EndpointBuiltinTopicData, GuardCondition,
+    Access, BuiltinReader, BuiltinTopics, CoherentChanges, Condition, ContentFilteredTopic,
+    DataReader, DataWriter, DomainParticipant, EndpointBuiltinTopicData, GuardCondition,
     ParticipantBuiltinTopicData, Publisher, QueryCondition, ReadCondition, Sample, Samples,
     StatusCondition, Subscriber, Topic, TopicBuiltinTopicData, TopicDescription, WaitSet,
 };

@@ -3,6 +3,8 @@
 //! What is not set has the default of DDS 1.4 section 2.2.3: KEEP_LAST 1, VOLATILE, writers RELIABLE, readers
 //! BEST_EFFORT.
 
+mod consistency;
+
 use std::time::Duration;
 
 /// The policies themselves.
@@ -17,7 +19,9 @@ pub use rtps_user::qos::{
 };
 use rtps_user::wire;
 
+pub(crate) use self::consistency::check as check_consistency;
 use crate::driver::Inherits;
+use crate::error::InconsistentPolicy;
 
 /// The policies of a writer or reader.
 ///
@@ -269,6 +273,34 @@ impl Qos {
         self
     }
 
+    /// Takes over what a topic says ([`Topic::qos`](crate::Topic::qos)), in place of what is said here: all policies that a topic
+    /// has in common with writers and readers (`copy_from_topic_qos`, DDS 1.4 section 2.2.2.4.1.15).
+    #[must_use]
+    pub fn copy_from_topic(mut self, topic: &Self) -> Self {
+        self.reliability = topic.reliability;
+        let (own, topic) = (&mut self.policies, &topic.policies);
+        own.reliability = topic.reliability;
+        own.durability = topic.durability;
+        own.durability_service = topic.durability_service;
+        own.deadline = topic.deadline;
+        own.latency_budget = topic.latency_budget;
+        own.liveliness = topic.liveliness;
+        own.destination_order = topic.destination_order;
+        own.history = topic.history;
+        own.resource_limits = topic.resource_limits;
+        own.transport_priority = topic.transport_priority;
+        own.lifespan = topic.lifespan;
+        own.ownership = topic.ownership;
+        own.representation.clone_from(&topic.representation);
+        own.topic_data.clone_from(&topic.topic_data);
+        self
+    }
+
+    /// Refuses policies that contradict each other.
+    pub(crate) fn check(&self) -> Result<(), InconsistentPolicy> {
+        check_consistency(&self.policies)
+    }
+
     /// TOPIC_DATA is the topic's, where nothing is said of it.
     #[must_use]
     pub(crate) fn on_topic(mut self, topic: &Self) -> Self {
@@ -402,6 +434,19 @@ mod tests {
         assert_eq!(qos.durability, Durability::TransientLocal);
         assert_eq!(qos.representation, [DataRepresentation::Xcdr2]);
         assert_eq!(qos.transport_priority, 3);
+    }
+
+    #[test]
+    fn a_topic_is_copied_but_for_what_it_does_not_have() {
+        let topic = Qos::best_effort().keep_last(7).topic_data(*b"t");
+        let qos = Qos::reliable().keep_all().partition(["p"]);
+        let qos = qos.copy_from_topic(&topic).into_writer();
+        assert_eq!(qos.reliability, Reliability::BestEffort);
+        assert_eq!(qos.history, History::KeepLast(7));
+        assert_eq!(
+            (&qos.topic_data[..], &*qos.partition.0[0]),
+            (&b"t"[..], "p")
+        );
     }
 
     #[test]

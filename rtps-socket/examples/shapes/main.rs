@@ -143,7 +143,14 @@ fn subscribe(
     reader.set_listener(print_status);
     let mut received = 0;
     let mut linger_until = None;
+    let mut ignore_after = options.ignore_after;
     while keeps_going(give_up) {
+        if ignore_after.take_if(|count| received >= *count).is_some() {
+            let writers = reader.matched();
+            writers
+                .into_iter()
+                .for_each(|writer| participant.ignore_publication(writer));
+        }
         if options.count != 0 && received >= options.count {
             let end = *linger_until.get_or_insert_with(|| Instant::now() + options.linger);
             if Instant::now() >= end {

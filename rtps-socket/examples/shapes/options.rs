@@ -109,6 +109,9 @@ pub(crate) struct Options {
     /// Lease of AUTOMATIC liveliness.
     #[arg(long)]
     pub(crate) liveliness_ms: Option<u64>,
+    /// Ignore the writers that are matched when so many samples have come.
+    #[arg(long)]
+    pub(crate) ignore_after: Option<u64>,
     /// For the other peers' sake; this one prints nothing else.
     #[arg(long)]
     pub(crate) json: bool,

@@ -1,15 +1,18 @@
 //! The built-in topics (DDS 1.4 section 2.2.5): what is known of a domain, as values.
 //!
-//! They are not read through DataReaders: [`BuiltinTopics`] gives what there is at the moment, and waits for changes.
-//! A participant that never asks for them keeps nothing of it.
+//! [`BuiltinTopics`] gives what there is at the moment, and readers that tell of changes as samples. A participant that never
+//! asks for them keeps nothing of it.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
+use md5::{Digest, Md5};
 use rtps_user::RemoteEndpoint;
+use rtps_user::discovery::ParticipantData;
 use rtps_user::qos::ContentFilter;
-use rtps_user::wire::{Guid, GuidPrefix};
+use rtps_user::wire::{Guid, GuidPrefix, KeyHash};
 
+use super::{BuiltinReader, builtin_reader};
 use crate::driver::{Browser, Core};
 use crate::qos::policies;
 use crate::socket::RtpsSocket;
@@ -60,6 +63,16 @@ pub struct EndpointBuiltinTopicData {
     pub content_filter: Option<ContentFilter>,
 }
 
+impl From<&ParticipantData> for ParticipantBuiltinTopicData {
+    fn from(participant: &ParticipantData) -> Self {
+        Self {
+            key: participant.prefix,
+            name: participant.name.clone(),
+            user_data: participant.user_data.clone(),
+        }
+    }
+}
+
 impl From<&RemoteEndpoint> for EndpointBuiltinTopicData {
     fn from(endpoint: &RemoteEndpoint) -> Self {
         Self {
@@ -70,6 +83,35 @@ impl From<&RemoteEndpoint> for EndpointBuiltinTopicData {
             content_filter: endpoint.content_filter.clone(),
         }
     }
+}
+
+impl TopicBuiltinTopicData {
+    /// Names it among topics: a hash of both names.
+    pub(super) fn handle(&self) -> KeyHash {
+        let mut hash = Md5::new();
+        hash.update(&self.name);
+        hash.update([0]);
+        hash.update(&self.type_name);
+        KeyHash(hash.finalize().into())
+    }
+}
+
+/// The topics that endpoints have, by name.
+pub(super) fn topics_of(core: &Core) -> Vec<TopicBuiltinTopicData> {
+    let mut topics = BTreeMap::new();
+    for (_, endpoint) in core.known_endpoints() {
+        topics
+            .entry((&endpoint.topic, &endpoint.type_name))
+            .or_insert(&endpoint.qos.topic_data);
+    }
+    topics
+        .into_iter()
+        .map(|((name, type_name), topic_data)| TopicBuiltinTopicData {
+            name: name.clone(),
+            type_name: type_name.clone(),
+            topic_data: topic_data.clone(),
+        })
+        .collect()
 }
 
 impl BuiltinTopics {
@@ -86,36 +128,25 @@ impl BuiltinTopics {
 
     /// The remote participants. On the kernel layer a host is one participant, however many apps it runs.
     pub fn participants(&self) -> Vec<ParticipantBuiltinTopicData> {
-        self.look(|browser| {
-            let participants = browser.participants();
-            participants
-                .map(|data| ParticipantBuiltinTopicData {
-                    key: data.prefix,
-                    name: data.name.clone(),
-                    user_data: data.user_data.clone(),
-                })
-                .collect()
+        self.look(|core| {
+            let participants = core.known_participants();
+            let participants = participants.map(|(_, participant)| participant.into());
+            participants.collect()
+        })
+    }
+
+    /// What is known of one of them (`get_discovered_participant_data`).
+    pub fn participant(&self, key: GuidPrefix) -> Option<ParticipantBuiltinTopicData> {
+        self.look(|core| {
+            let mut participants = core.known_participants();
+            let found = participants.find(|(_, participant)| participant.prefix == key);
+            found.map(|(_, participant)| participant.into())
         })
     }
 
     /// The topics that endpoints have, by name.
     pub fn topics(&self) -> Vec<TopicBuiltinTopicData> {
-        self.look(|browser| {
-            let mut topics = BTreeMap::new();
-            for endpoint in browser.endpoints() {
-                topics
-                    .entry((&endpoint.topic, &endpoint.type_name))
-                    .or_insert(&endpoint.qos.topic_data);
-            }
-            topics
-                .into_iter()
-                .map(|((name, type_name), topic_data)| TopicBuiltinTopicData {
-                    name: name.clone(),
-                    type_name: type_name.clone(),
-                    topic_data: topic_data.clone(),
-                })
-                .collect()
-        })
+        self.look(topics_of)
     }
 
     /// The writers.
@@ -128,9 +159,29 @@ impl BuiltinTopics {
         self.endpoints(|endpoint| endpoint.guid.entity.is_reader())
     }
 
+    /// A reader of DCPSParticipant.
+    pub fn participant_reader(&self) -> BuiltinReader<ParticipantBuiltinTopicData> {
+        BuiltinReader::new(self.socket.clone(), builtin_reader::participants)
+    }
+
+    /// A reader of DCPSTopic.
+    pub fn topic_reader(&self) -> BuiltinReader<TopicBuiltinTopicData> {
+        BuiltinReader::new(self.socket.clone(), builtin_reader::topics)
+    }
+
+    /// A reader of DCPSPublication.
+    pub fn publication_reader(&self) -> BuiltinReader<EndpointBuiltinTopicData> {
+        BuiltinReader::new(self.socket.clone(), builtin_reader::publications)
+    }
+
+    /// A reader of DCPSSubscription.
+    pub fn subscription_reader(&self) -> BuiltinReader<EndpointBuiltinTopicData> {
+        BuiltinReader::new(self.socket.clone(), builtin_reader::subscriptions)
+    }
+
     /// How often something has changed so far.
     pub fn changes(&self) -> u64 {
-        self.look(Browser::changes)
+        self.look(|core| core.browser().map_or(0, Browser::changes))
     }
 
     /// Waits until more has changed than `seen`; false when `timeout` passes before.
@@ -143,16 +194,14 @@ impl BuiltinTopics {
     }
 
     fn endpoints(&self, wanted: impl Fn(&RemoteEndpoint) -> bool) -> Vec<EndpointBuiltinTopicData> {
-        self.look(|browser| {
-            let endpoints = browser.endpoints().filter(|endpoint| wanted(endpoint));
+        self.look(|core| {
+            let endpoints = core.known_endpoints().map(|(_, endpoint)| endpoint);
+            let endpoints = endpoints.filter(|endpoint| wanted(endpoint));
             endpoints.map(EndpointBuiltinTopicData::from).collect()
         })
     }
 
-    fn look<R: Default>(&self, look: impl FnOnce(&Browser) -> R) -> R {
-        self.socket
-            .shared()
-            .poll(|core, _| core.browser().map(look))
-            .unwrap_or_default()
+    fn look<R>(&self, look: impl FnOnce(&Core) -> R) -> R {
+        self.socket.shared().poll(|core, _| look(core))
     }
 }

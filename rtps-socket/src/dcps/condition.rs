@@ -25,7 +25,7 @@ pub struct Condition {
 #[derive(Clone)]
 pub(super) enum Source {
     Guard(Arc<Guard>),
-    Endpoint(Arc<Watched>),
+    Entity(Arc<Watched>),
 }
 
 /// The state of a guard condition.
@@ -57,9 +57,9 @@ impl Guard {
 }
 
 impl Condition {
-    fn of_endpoint(watched: Watched) -> Self {
+    fn of_entity(watched: Watched) -> Self {
         Self {
-            source: Source::Endpoint(Arc::new(watched)),
+            source: Source::Entity(Arc::new(watched)),
         }
     }
 
@@ -71,7 +71,7 @@ impl Condition {
     pub fn trigger_value(&self) -> bool {
         match &self.source {
             Source::Guard(guard) => guard.is_true(),
-            Source::Endpoint(watched) => watched.shared().poll(|core, _| watched.is_true(core)),
+            Source::Entity(watched) => watched.shared().poll(|core, _| watched.is_true(core)),
         }
     }
 }
@@ -80,7 +80,7 @@ impl PartialEq for Condition {
     fn eq(&self, other: &Self) -> bool {
         match (&self.source, &other.source) {
             (Source::Guard(one), Source::Guard(other)) => Arc::ptr_eq(one, other),
-            (Source::Endpoint(one), Source::Endpoint(other)) => Arc::ptr_eq(one, other),
+            (Source::Entity(one), Source::Entity(other)) => Arc::ptr_eq(one, other),
             _ => false,
         }
     }
@@ -92,9 +92,9 @@ impl fmt::Debug for Condition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let name = match &self.source {
             Source::Guard(_) => "GuardCondition",
-            Source::Endpoint(watched) => match watched.trigger() {
+            Source::Entity(watched) => match watched.trigger() {
                 Trigger::Status(_) => "StatusCondition",
-                Trigger::Read(_) => "ReadCondition",
+                Trigger::Read(_) | Trigger::Holds(_) => "ReadCondition",
                 Trigger::Query(..) => "QueryCondition",
             },
         };
@@ -139,7 +139,7 @@ impl Default for GuardCondition {
 }
 
 /// True while a status has changed since it was last asked for and no listener was told, or there are samples that have
-/// not been read where it is about DATA_AVAILABLE.
+/// not been read where it is about DATA_AVAILABLE or DATA_ON_READERS.
 #[derive(Clone, Debug)]
 pub struct StatusCondition {
     condition: Condition,
@@ -148,7 +148,7 @@ pub struct StatusCondition {
 impl StatusCondition {
     pub(super) fn new(watched: Watched) -> Self {
         Self {
-            condition: Condition::of_endpoint(watched),
+            condition: Condition::of_entity(watched),
         }
     }
 
@@ -165,14 +165,14 @@ impl StatusCondition {
         if let Some(Trigger::Status(mask)) = self.trigger() {
             mask.store(statuses.bits(), Ordering::Relaxed);
         }
-        if let Source::Endpoint(watched) = &self.condition.source {
+        if let Source::Entity(watched) = &self.condition.source {
             watched.shared().nudge();
         }
     }
 
     fn trigger(&self) -> Option<&Trigger> {
         match &self.condition.source {
-            Source::Endpoint(watched) => Some(watched.trigger()),
+            Source::Entity(watched) => Some(watched.trigger()),
             Source::Guard(_) => None,
         }
     }
@@ -188,7 +188,7 @@ pub struct ReadCondition {
 impl ReadCondition {
     pub(super) fn new(watched: Watched, selection: Selection) -> Self {
         Self {
-            condition: Condition::of_endpoint(watched),
+            condition: Condition::of_entity(watched),
             selection,
         }
     }
@@ -219,7 +219,7 @@ impl QueryCondition {
         compile: Compile,
     ) -> Self {
         Self {
-            condition: Condition::of_endpoint(watched),
+            condition: Condition::of_entity(watched),
             selection,
             expression: expression.to_owned(),
             compile,
@@ -243,7 +243,7 @@ impl QueryCondition {
     pub fn set_query_parameters(&self, parameters: &[&str]) -> Result<(), FilterError> {
         let parameters: Vec<_> = parameters.iter().map(|text| (*text).to_owned()).collect();
         let filter = (self.compile)(&self.expression, &parameters)?;
-        if let Source::Endpoint(watched) = &self.condition.source {
+        if let Source::Entity(watched) = &self.condition.source {
             if let Trigger::Query(_, current) = watched.trigger() {
                 *current.lock().unwrap_or_else(PoisonError::into_inner) = filter;
             }
@@ -254,7 +254,7 @@ impl QueryCondition {
 
     /// The expression as a filter; `None` for what is no query.
     pub(super) fn filter(&self) -> Option<PayloadFilter> {
-        let Source::Endpoint(watched) = &self.condition.source else {
+        let Source::Entity(watched) = &self.condition.source else {
             return None;
         };
         let Trigger::Query(_, filter) = watched.trigger() else {

@@ -267,7 +267,8 @@ impl<T: DdsType> DataWriter<T> {
         self.writer.wait_for_acknowledgments(timeout)
     }
 
-    /// Asserts that the writer is alive, where LIVELINESS is MANUAL_BY_TOPIC.
+    /// Asserts that the writer is alive, where LIVELINESS is manual; of MANUAL_BY_PARTICIPANT all of the participant's are then.
+    /// Writing does as well.
     pub fn assert_liveliness(&self) {
         self.writer.assert_liveliness();
     }

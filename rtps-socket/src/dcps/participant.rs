@@ -2,19 +2,20 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use rtps_user::RemoteEndpoint;
+use rtps_user::wire::{EntityId, Guid, GuidPrefix};
 
 use super::{
-    BuiltinTopics, ContentFilteredTopic, DataReader, DataWriter, Publisher, Subscriber, Topic,
-    TopicDescription,
+    BuiltinTopics, ContentFilteredTopic, DataReader, DataWriter, Publisher, StatusCondition,
+    Subscriber, Topic, TopicDescription,
 };
 use crate::cdr::DdsType;
-use crate::driver::Core;
-use crate::error::{CreateError, FilterError, OpenError};
+use crate::driver::{Core, Ignore, Scope};
+use crate::error::{CreateError, FilterError, OpenError, SetQosError};
 use crate::qos::Qos;
-use crate::socket::{Builder, RtpsSocket, Template};
+use crate::socket::{Builder, RtpsSocket, Template, Trigger, Watched};
 use crate::status::{EntityEvent, StatusMask};
 
 /// An app's place in a DDS domain.
@@ -67,19 +68,19 @@ impl DomainParticipant {
     /// # Errors
     /// When the name cannot be one.
     pub fn create_topic<T: DdsType>(&self, name: &str) -> Result<Topic<T>, CreateError> {
-        Topic::new(name, Qos::default())
+        Topic::new(&self.socket, name, Qos::default())
     }
 
     /// A topic with policies that its writers and readers may be created with ([`Topic::qos`]).
     ///
     /// # Errors
-    /// When the name cannot be one.
+    /// When the name cannot be one, or the policies contradict each other.
     pub fn create_topic_with<T: DdsType>(
         &self,
         name: &str,
         qos: Qos,
     ) -> Result<Topic<T>, CreateError> {
-        Topic::new(name, qos)
+        Topic::new(&self.socket, name, qos)
     }
 
     /// A topic as readers see it that want only the samples for which an expression of DDS 1.4 annex B is true;
@@ -103,19 +104,68 @@ impl DomainParticipant {
         let deadline = Instant::now().checked_add(timeout);
         self.socket.shared().with(Core::browse);
         let found = self.socket.shared().wait_until(deadline, |core, _| {
-            let mut endpoints = core.browser()?.endpoints();
-            let is_it = |endpoint: &RemoteEndpoint| {
+            let mut endpoints = core.known_endpoints();
+            let is_it = |(_, endpoint): (u64, &RemoteEndpoint)| {
                 endpoint.topic == name && endpoint.type_name == T::TYPE_NAME
             };
             endpoints.any(is_it).then_some(())
         });
-        found.and_then(|()| Topic::new(name, Qos::default()).ok())
+        found.and_then(|()| Topic::new(&self.socket, name, Qos::default()).ok())
     }
 
     /// What is known of the domain: participants, topics, and the endpoints of others. From the first call on the layer
     /// tells of all of them.
     pub fn builtin(&self) -> BuiltinTopics {
         BuiltinTopics::new(self.socket.clone())
+    }
+
+    /// Behaves from now on as if a remote participant did not exist: matches with its endpoints end, and nothing of it is
+    /// seen in the built-in topics. With the [own prefix](Self::guid) this app's writers and readers do not match each
+    /// other.
+    ///
+    /// This and the other `ignore_*` cannot be undone. The other side is not told: it goes on counting the match, and a
+    /// reliable writer there waits for acknowledgements as of a reader that has stopped.
+    pub fn ignore_participant(&self, participant: GuidPrefix) {
+        self.ignore(Ignore::Participant(participant));
+    }
+
+    /// Behaves from now on as if a writer did not exist, as [`ignore_participant`](Self::ignore_participant) does.
+    pub fn ignore_publication(&self, writer: Guid) {
+        self.ignore(Ignore::Endpoint(writer));
+    }
+
+    /// Behaves from now on as if a reader did not exist, as [`ignore_participant`](Self::ignore_participant) does.
+    pub fn ignore_subscription(&self, reader: Guid) {
+        self.ignore(Ignore::Endpoint(reader));
+    }
+
+    /// Behaves from now on as if nobody, this participant included, had writers or readers of the topic of that name.
+    pub fn ignore_topic(&self, name: &str) {
+        self.ignore(Ignore::Topic(name.to_owned()));
+    }
+
+    fn ignore(&self, ignore: Ignore) {
+        self.socket
+            .shared()
+            .with(|core, now| core.ignore(now, ignore));
+    }
+
+    /// Its name. On the kernel layer the apps of a host are one participant to others, and have this in common.
+    pub fn guid(&self) -> Guid {
+        let prefix = self.socket.shared().with(|core, _| core.endpoints.prefix());
+        Guid::new(prefix, EntityId::PARTICIPANT)
+    }
+
+    /// Whether it has a writer or reader of that name.
+    pub fn contains_entity(&self, guid: Guid) -> bool {
+        let shared = self.socket.shared();
+        shared.with(|core, _| core.is_own(guid) && core.entity(guid.entity).is_some())
+    }
+
+    /// The time that samples are stamped with.
+    pub fn current_time(&self) -> SystemTime {
+        let shared = self.socket.shared();
+        shared.with(|core, now| core.wall_time(now))
     }
 
     /// A publisher: writers with policies in common.
@@ -188,13 +238,27 @@ impl DomainParticipant {
         self.socket.set_listener(mask, listener);
     }
 
+    /// A condition that is true while one of these statuses of one of its writers and readers has changed since it was last
+    /// asked for. A participant has no statuses of its own.
+    pub fn status_condition(&self, statuses: StatusMask) -> StatusCondition {
+        let shared = self.socket.shared();
+        let watched = Watched::new(shared, Scope::Participant, Trigger::on(statuses));
+        StatusCondition::new(watched)
+    }
+
+    /// The statuses of its writers and readers that have changed since they were last asked for.
+    pub fn status_changes(&self) -> StatusMask {
+        let shared = self.socket.shared();
+        shared.poll(|core, _| core.status_changes(Scope::Participant))
+    }
+
     /// Changes USER_DATA, up to 256 bytes that others see in the participant's announcement
     /// ([`Builder::user_data`](Builder::user_data)).
-    pub fn set_user_data(&self, data: impl Into<Vec<u8>>) {
-        let user_data = data.into();
-        self.socket
-            .shared()
-            .with(|core, now| core.describe(now, user_data));
+    ///
+    /// # Errors
+    /// When there are more bytes than that.
+    pub fn set_user_data(&self, data: impl Into<Vec<u8>>) -> Result<(), SetQosError> {
+        Ok(self.socket.describe(data.into())?)
     }
 
     /// Asserts the liveliness of all writers with LIVELINESS MANUAL_BY_PARTICIPANT.

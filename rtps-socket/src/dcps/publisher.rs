@@ -4,11 +4,11 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::group::GroupState;
-use super::{DataWriter, Topic};
+use super::{DataWriter, StatusCondition, Topic};
 use crate::cdr::DdsType;
 use crate::error::{CreateError, SetQosError, WaitError};
 use crate::qos::Qos;
-use crate::socket::RtpsSocket;
+use crate::socket::{RtpsSocket, Trigger};
 use crate::status::{EntityEvent, StatusMask};
 
 /// Writers with PARTITION, PRESENTATION and GROUP_DATA in common. Clones are the same publisher.
@@ -113,6 +113,17 @@ impl Publisher {
         listener: impl Fn(EntityEvent) + Send + Sync + 'static,
     ) {
         self.state.group.set_listener(mask, Arc::new(listener));
+    }
+
+    /// A condition that is true while one of these statuses of one of its writers has changed since it was last asked for. A
+    /// publisher has no statuses of its own.
+    pub fn status_condition(&self, statuses: StatusMask) -> StatusCondition {
+        StatusCondition::new(self.state.group.watch(Trigger::on(statuses)))
+    }
+
+    /// The statuses of its writers that have changed since they were last asked for.
+    pub fn status_changes(&self) -> StatusMask {
+        self.state.group.status_changes()
     }
 }
 

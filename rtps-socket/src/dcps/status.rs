@@ -1,7 +1,5 @@
 //! The statuses of typed writers and readers, and who is told of them (DDS 1.4 section 2.2.4).
 
-use std::sync::atomic::AtomicU32;
-
 use super::{DataReader, DataWriter, StatusCondition};
 use crate::cdr::DdsType;
 use crate::socket::Trigger;
@@ -34,8 +32,7 @@ impl<T: DdsType> DataWriter<T> {
 
     /// A condition that is true while one of these statuses has changed since it was last asked for.
     pub fn status_condition(&self, statuses: StatusMask) -> StatusCondition {
-        let mask = AtomicU32::new(statuses.bits());
-        StatusCondition::new(self.writer.watch(Trigger::Status(mask)))
+        StatusCondition::new(self.writer.watch(Trigger::on(statuses)))
     }
 
     /// The statuses that have changed since they were last asked for.
@@ -92,11 +89,11 @@ impl<T: DdsType> DataReader<T> {
 
     /// A condition that is true while one of these statuses has changed since it was last asked for.
     pub fn status_condition(&self, statuses: StatusMask) -> StatusCondition {
-        let mask = AtomicU32::new(statuses.bits());
-        StatusCondition::new(self.reader.watch(Trigger::Status(mask)))
+        StatusCondition::new(self.reader.watch(Trigger::on(statuses)))
     }
 
-    /// The statuses that have changed since they were last asked for.
+    /// The statuses that have changed since they were last asked for; DATA_AVAILABLE as long as there is a sample that has
+    /// not been read.
     pub fn status_changes(&self) -> StatusMask {
         self.reader.status_changes()
     }

@@ -5,11 +5,11 @@ use std::sync::Arc;
 use rtps_user::wire::Guid;
 
 use super::group::GroupState;
-use super::{DataReader, TopicDescription};
+use super::{DataReader, StatusCondition, TopicDescription};
 use crate::cdr::DdsType;
 use crate::error::{CreateError, SetQosError};
 use crate::qos::Qos;
-use crate::socket::RtpsSocket;
+use crate::socket::{RtpsSocket, Trigger};
 use crate::status::{EntityEvent, StatusMask};
 
 /// Readers with PARTITION, PRESENTATION and GROUP_DATA in common. Clones are the same subscriber.
@@ -74,7 +74,8 @@ impl Subscriber {
     }
 
     /// Freezes what the readers show, until the guard is dropped: what comes meanwhile is not seen before, so that all
-    /// readers are read in the same state. Accesses may be nested.
+    /// readers are read in the same state. A reader that is created meanwhile shows nothing before, either. Accesses may be
+    /// nested.
     pub fn begin_access(&self) -> Access<'_> {
         self.state.group.begin_access();
         Access { subscriber: self }
@@ -88,6 +89,17 @@ impl Subscriber {
         listener: impl Fn(EntityEvent) + Send + Sync + 'static,
     ) {
         self.state.group.set_listener(mask, Arc::new(listener));
+    }
+
+    /// A condition that is true while one of these statuses of one of its readers has changed since it was last asked for, or
+    /// one of them has samples that have not been read where it is about DATA_ON_READERS, the subscriber's own.
+    pub fn status_condition(&self, statuses: StatusMask) -> StatusCondition {
+        StatusCondition::new(self.state.group.watch(Trigger::on(statuses)))
+    }
+
+    /// The statuses of its readers that have changed since they were last asked for.
+    pub fn status_changes(&self) -> StatusMask {
+        self.state.group.status_changes()
     }
 }
 

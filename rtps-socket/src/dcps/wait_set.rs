@@ -144,12 +144,12 @@ impl fmt::Debug for WaitSet {
     }
 }
 
-/// The participant that all conditions of endpoints are of.
+/// The participant that all conditions of entities are of.
 fn only_participant(conditions: &[Condition]) -> Option<Arc<Shared>> {
     let mut participants = conditions
         .iter()
         .filter_map(|condition| match condition.source() {
-            Source::Endpoint(watched) => Some(watched.shared()),
+            Source::Entity(watched) => Some(watched.shared()),
             Source::Guard(_) => None,
         });
     let first = participants.next()?;
@@ -167,14 +167,14 @@ fn drive(
         .iter()
         .filter_map(|condition| match condition.source() {
             Source::Guard(guard) => Some(guard),
-            Source::Endpoint(_) => None,
+            Source::Entity(_) => None,
         });
     let nudge = Waker::from(Arc::new(Nudge(Arc::clone(shared))));
     guards.clone().for_each(|guard| guard.wake_later(&nudge));
     let found = shared.wait_until(deadline, |core, _| {
         let is_true = |condition: &&Condition| match condition.source() {
             Source::Guard(guard) => guard.is_true(),
-            Source::Endpoint(watched) => watched.is_true(core),
+            Source::Entity(watched) => watched.is_true(core),
         };
         let found: Vec<_> = conditions.iter().filter(is_true).cloned().collect();
         (!found.is_empty()).then_some(found)
@@ -191,8 +191,8 @@ fn look(conditions: &[Condition], waker: &Waker) -> Vec<Condition> {
             guard.wake_later(waker);
             guard.is_true()
         }
-        Source::Endpoint(watched) => watched.shared().poll(|core, _| {
-            core.wake_later(watched.id(), waker);
+        Source::Entity(watched) => watched.shared().poll(|core, _| {
+            core.wake_later(watched.scope(), waker);
             watched.is_true(core)
         }),
     };
@@ -209,8 +209,8 @@ fn look(conditions: &[Condition], waker: &Waker) -> Vec<Condition> {
 fn forget(condition: &Condition, waker: &Waker) {
     match condition.source() {
         Source::Guard(guard) => guard.wake_no_more(waker),
-        Source::Endpoint(watched) => watched
+        Source::Entity(watched) => watched
             .shared()
-            .with(|core, _| core.wake_no_more(watched.id(), waker)),
+            .with(|core, _| core.wake_no_more(watched.scope(), waker)),
     }
 }

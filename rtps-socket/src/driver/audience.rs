@@ -3,10 +3,12 @@
 
 use std::collections::HashMap;
 use std::sync::Arc;
+use std::task::Waker;
 
 use rtps_user::wire::EntityId;
 
 use super::entity::Notice;
+use super::topics::{TopicId, TopicListener, Topics};
 use crate::status::{EntityEvent, StatusEvent, StatusKind, StatusMask};
 
 /// Called with each event of an endpoint.
@@ -39,6 +41,10 @@ pub(crate) struct Audience {
     last_group: u32,
     participant: Option<Masked<EntityListener>>,
     hears_data: bool,
+    /// The topics of the app.
+    pub(crate) topics: Topics,
+    /// Tasks that wait for something to happen to any endpoint or topic.
+    wakers: Vec<Waker>,
     /// What is to be called once the lock is free.
     pub(super) notices: Vec<Notice>,
 }
@@ -77,6 +83,40 @@ impl Audience {
     pub(crate) fn members(&self, group: GroupId) -> &[EntityId] {
         let group = self.groups.get(&group);
         group.map_or(&[], |group| &group.members)
+    }
+
+    /// Has `listener` called when others use the name of a topic with another type.
+    pub(crate) fn set_topic_listener(&mut self, id: TopicId, listener: TopicListener) {
+        let replaced = self.topics.set_listener(id, listener);
+        self.notices.extend(replaced.map(Notice::ReplacedTopic));
+    }
+
+    /// A topic is gone.
+    pub(crate) fn remove_topic(&mut self, id: TopicId) {
+        let listener = self.topics.remove(id);
+        self.notices.extend(listener.map(Notice::ReplacedTopic));
+    }
+
+    /// Tells the listeners of a topic; false where there is none.
+    pub(super) fn tell_topic(&mut self, name: &str) -> bool {
+        self.topics.tell(name, &mut self.notices)
+    }
+
+    /// Wakes a task when the next thing happens to any endpoint or topic.
+    pub(super) fn wake_later(&mut self, waker: &Waker) {
+        if !self.wakers.iter().any(|known| known.will_wake(waker)) {
+            self.wakers.push(waker.clone());
+        }
+    }
+
+    /// Forgets a task that no longer waits.
+    pub(super) fn wake_no_more(&mut self, waker: &Waker) {
+        self.wakers.retain(|known| !known.will_wake(waker));
+    }
+
+    /// Something has happened.
+    pub(super) fn wake(&mut self) {
+        self.notices.extend(self.wakers.drain(..).map(Notice::Wake));
     }
 
     /// Has a publisher or subscriber, or the participant where there is no `group`, hear what `mask` holds.

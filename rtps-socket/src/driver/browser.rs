@@ -10,8 +10,9 @@ use rtps_user::wire::{Guid, GuidPrefix};
 /// The remote participants, and the endpoints of all but the app itself.
 #[derive(Debug, Default)]
 pub(crate) struct Browser {
-    participants: BTreeMap<GuidPrefix, ParticipantData>,
-    endpoints: BTreeMap<Guid, RemoteEndpoint>,
+    /// Each with the number of the change that it was.
+    participants: BTreeMap<GuidPrefix, (u64, ParticipantData)>,
+    endpoints: BTreeMap<Guid, (u64, RemoteEndpoint)>,
     is_complete: bool,
     changes: u64,
 }
@@ -19,6 +20,7 @@ pub(crate) struct Browser {
 impl Browser {
     /// Takes news; gives the last endpoint that was told of where more are to be asked for.
     pub(super) fn take(&mut self, news: Discovered) -> Option<Guid> {
+        let change = self.changes + 1;
         match news {
             Discovered::Begin => {
                 let changes = self.changes;
@@ -27,27 +29,36 @@ impl Browser {
                     ..Self::default()
                 };
             }
-            Discovered::Participant(data) => _ = self.participants.insert(data.prefix, *data),
+            Discovered::Participant(data) => {
+                self.participants.insert(data.prefix, (change, *data));
+            }
             Discovered::ParticipantGone(prefix) => _ = self.participants.remove(&prefix),
             Discovered::Endpoint(endpoint) => {
-                self.endpoints.insert(endpoint.guid, *endpoint);
+                self.endpoints.insert(endpoint.guid, (change, *endpoint));
             }
             Discovered::EndpointGone(guid) => _ = self.endpoints.remove(&guid),
             Discovered::More(last) => return Some(last),
             Discovered::Complete => self.is_complete = true,
         }
-        self.changes += 1;
+        self.touch();
         None
     }
 
-    /// The remote participants.
-    pub(crate) fn participants(&self) -> impl Iterator<Item = &ParticipantData> {
-        self.participants.values()
+    /// It looks different from now on.
+    pub(super) fn touch(&mut self) {
+        self.changes += 1;
     }
 
-    /// The endpoints of remote participants and of other apps.
-    pub(crate) fn endpoints(&self) -> impl Iterator<Item = &RemoteEndpoint> {
-        self.endpoints.values()
+    /// The remote participants, each with the change that was its last.
+    pub(super) fn participants(&self) -> impl Iterator<Item = (u64, &ParticipantData)> {
+        let known = self.participants.values();
+        known.map(|(change, participant)| (*change, participant))
+    }
+
+    /// The endpoints of remote participants and of other apps, each with the change that was its last.
+    pub(super) fn endpoints(&self) -> impl Iterator<Item = (u64, &RemoteEndpoint)> {
+        let known = self.endpoints.values();
+        known.map(|(change, endpoint)| (*change, endpoint))
     }
 
     /// Whether all has been told that was known when it was asked for.

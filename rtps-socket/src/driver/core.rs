@@ -2,7 +2,6 @@
 
 use std::collections::HashMap;
 use std::sync::Arc;
-use std::task::Waker;
 use std::time::{Duration, Instant, SystemTime};
 
 use rtps_user::OwnKeys;
@@ -16,8 +15,9 @@ use super::audience::{Audience, EntityListener, GroupId, Listener};
 use super::batching::{Batching, Patience};
 use super::browser::Browser;
 use super::entity::{Declaration, Entity, Notice};
+use super::ignored::Ignored;
 use super::outgoing::Outgoing;
-use super::seat::{Holder, SLACK, Seat, Sleep, WRITING};
+use super::seat::{SLACK, Seat, Sleep, WRITING};
 use super::wall_clock::WallClock;
 use crate::link::{Arrivals, Burst, Identity, LayerKind, Link};
 use crate::status::{StatusEvent, StatusMask};
@@ -41,6 +41,7 @@ pub(crate) struct Core {
     pub(super) stages_groups: bool,
     /// What is known of the domain, where the app wants to know.
     pub(super) browser: Option<Box<Browser>>,
+    pub(super) ignored: Ignored,
     pub(super) is_lost: bool,
 }
 
@@ -60,6 +61,7 @@ impl Core {
             wall_clock: WallClock::default(),
             stages_groups: false,
             browser: None,
+            ignored: Ignored::default(),
             is_lost: false,
         }
     }
@@ -72,6 +74,11 @@ impl Core {
     /// Whether the participant is no longer part of the domain, because its layer was set up anew.
     pub(crate) fn is_lost(&self) -> bool {
         self.is_lost
+    }
+
+    /// Whether an endpoint is one of this app; other apps of the host are of the same participant.
+    pub(crate) fn is_own(&self, guid: Guid) -> bool {
+        guid.prefix == self.identity.prefix && guid.entity.slot() == self.identity.slot
     }
 
     /// The most bytes of a datagram.
@@ -214,6 +221,7 @@ impl Core {
     /// Takes what the layer tells of the domain.
     pub(super) fn handle_discovered(&mut self, now: Instant, news: Discovered) {
         self.seat.news = true;
+        self.audience.wake();
         if let Some(last) = self.browser.as_mut().and_then(|browser| browser.take(news)) {
             self.link
                 .request(now, ToLayer::Browse { after: Some(last) });
@@ -228,6 +236,11 @@ impl Core {
     /// Asserts the liveliness of all writers that want the app to do so.
     pub(crate) fn assert_liveliness(&mut self, now: Instant) {
         self.endpoints.assert_liveliness(now);
+        self.tell_assertion(now);
+    }
+
+    /// Has readers of others learn that the writers are alive.
+    pub(super) fn tell_assertion(&mut self, now: Instant) {
         self.link.request(now, ToLayer::AssertLiveliness);
     }
 
@@ -239,21 +252,6 @@ impl Core {
     /// An endpoint that has been declared.
     pub(crate) fn entity_mut(&mut self, id: EntityId) -> Option<&mut Entity> {
         self.entities.get_mut(&id)
-    }
-
-    /// A task no longer waits for something to happen to an entity.
-    pub(crate) fn wake_no_more(&mut self, id: EntityId, waker: &Waker) {
-        if let Some(entity) = self.entities.get_mut(&id) {
-            entity.wake_no_more(waker);
-        }
-    }
-
-    /// Wakes a task when something happens to an entity, which somebody has to notice.
-    pub(crate) fn wake_later(&mut self, id: EntityId, waker: &Waker) {
-        if let Some(entity) = self.entities.get_mut(&id) {
-            entity.wake_later(waker);
-            self.seat.is_wanted = !self.seat.is_external && self.seat.holder == Holder::Nobody;
-        }
     }
 
     /// Reports what the typed API finds out.
@@ -326,7 +324,7 @@ impl Core {
             }
         }
         while let Some(event) = self.endpoints.poll_event() {
-            self.handle_event(event);
+            self.handle_event(now, event);
         }
     }
 

@@ -11,7 +11,10 @@ use rtps_user::qos::{ContentFilter, Qos};
 use rtps_user::wire::Guid;
 
 use super::audience::{Audience, EntityListener, GroupId, Listener, Masked};
-use crate::status::{EntityEvent, StatusEvent, StatusKind, StatusMask, Statuses};
+use super::topics::TopicListener;
+use crate::status::{
+    EntityEvent, InconsistentTopicStatus, StatusEvent, StatusKind, StatusMask, Statuses,
+};
 
 /// Status events kept for who asks; older ones give way.
 const KEPT_EVENTS: usize = 256;
@@ -71,6 +74,7 @@ pub(crate) struct Entity {
 pub(super) enum Notice {
     Status(Listener, StatusEvent),
     Entity(EntityListener, Box<EntityEvent>),
+    Topic(TopicListener, InconsistentTopicStatus),
     Wake(Waker),
     /// An endpoint is gone. What its listener owns may be other endpoints, which take the lock when they go.
     Gone(Box<Entity>),
@@ -78,6 +82,8 @@ pub(super) enum Notice {
     Replaced(Listener),
     /// The same.
     ReplacedEntity(EntityListener),
+    /// The same.
+    ReplacedTopic(TopicListener),
 }
 
 impl Notice {
@@ -85,10 +91,12 @@ impl Notice {
         match self {
             Self::Status(listener, event) => listener(event),
             Self::Entity(listener, event) => listener(*event),
+            Self::Topic(listener, status) => listener(status),
             Self::Wake(waker) => waker.wake(),
             Self::Gone(entity) => drop(entity),
             Self::Replaced(listener) => drop(listener),
             Self::ReplacedEntity(listener) => drop(listener),
+            Self::ReplacedTopic(listener) => drop(listener),
         }
     }
 }
@@ -151,6 +159,8 @@ impl Entity {
             .partition(|event| mask.contains(event.kind()));
         self.events = kept;
         let told: VecDeque<StatusEvent> = told;
+        told.iter()
+            .for_each(|event| self.statuses.told(event.kind()));
         told.into()
     }
 
@@ -174,9 +184,9 @@ impl Entity {
     }
 
     pub(super) fn wake(&mut self, audience: &mut Audience) {
-        audience
-            .notices
-            .extend(self.wakers.drain(..).map(Notice::Wake));
+        let wakers = self.wakers.drain(..);
+        audience.notices.extend(wakers.map(Notice::Wake));
+        audience.wake();
     }
 
     /// Samples have come.
@@ -186,7 +196,7 @@ impl Entity {
             return;
         }
         let on_readers = StatusEvent::DataOnReaders;
-        if !self.tell_group(&on_readers, audience) {
+        if !self.tell_above(&on_readers, audience) {
             self.tell(StatusEvent::DataAvailable, audience);
         }
     }
@@ -252,12 +262,16 @@ impl Entity {
                 audience.notices.push(Notice::Status(listener, event));
                 None
             }
-            _ => (!self.tell_group(&event, audience)).then_some(event),
+            _ => (!self.tell_above(&event, audience)).then_some(event),
         }
     }
 
-    fn tell_group(&self, event: &StatusEvent, audience: &mut Audience) -> bool {
+    /// Tells those above it: of the topic where it is about that, else of the publisher, subscriber or participant.
+    fn tell_above(&self, event: &StatusEvent, audience: &mut Audience) -> bool {
         let kind: StatusKind = event.kind();
+        if kind == StatusKind::InconsistentTopic && audience.tell_topic(&self.topic) {
+            return true;
+        }
         audience.tell(self.declaration.group, kind, || EntityEvent {
             entity: self.guid,
             topic: Arc::clone(&self.topic),

@@ -19,10 +19,13 @@ mod core;
 mod entity;
 mod external;
 mod group_sets;
+mod ignored;
 mod news;
 mod outgoing;
+mod scope;
 mod seat;
 mod spin;
+mod topics;
 mod wait;
 mod wall_clock;
 
@@ -39,6 +42,9 @@ pub(crate) use self::batching::{Patience, PatienceCell};
 pub(crate) use self::browser::Browser;
 pub(crate) use self::core::Core;
 pub(crate) use self::entity::{Declaration, Inherits, MakeFilter};
+pub(crate) use self::ignored::Ignore;
+pub(crate) use self::scope::Scope;
+pub(crate) use self::topics::TopicId;
 pub(crate) use self::wait::Limit;
 
 use self::entity::Notice;

@@ -16,26 +16,22 @@ use crate::status::StatusEvent;
 impl Core {
     pub(super) fn handle_message(&mut self, now: Instant, message: FromLayer) {
         match message {
-            FromLayer::Matched { local, remote } => {
+            FromLayer::Matched { local, remote } if !self.is_match_ignored(local, remote.guid) => {
                 self.endpoints.match_remote(now, local, &remote);
                 self.apply_filter(local, &remote);
                 self.on_entity(local, |entity, audience| entity.add_match(remote, audience));
             }
-            FromLayer::Unmatched { local, remote } => {
-                self.endpoints.unmatch(now, local, remote);
-                self.review_group(local);
-                self.on_entity(local, |entity, audience| {
-                    entity.remove_match(remote, audience)
-                });
-            }
+            FromLayer::Unmatched { local, remote } => self.end_match(now, local, remote),
             FromLayer::IncompatibleQos {
                 local,
                 remote,
                 policy,
-            } => {
+            } if !self.is_match_ignored(local, remote) => {
                 self.report_incompatible(local, remote, policy);
             }
-            FromLayer::InconsistentTopic { local, remote } => {
+            FromLayer::InconsistentTopic { local, remote }
+                if !self.is_match_ignored(local, remote) =>
+            {
                 self.report_inconsistent(local, remote)
             }
             FromLayer::Liveliness {
@@ -49,12 +45,23 @@ impl Core {
                 self.report_all(&StatusEvent::Refused { reason });
             }
             FromLayer::Discovered(news) => self.handle_discovered(now, news),
-            // These are for the link.
-            FromLayer::Welcome(_)
+            // The rest is for the link, or of what the app ignores.
+            FromLayer::Matched { .. }
+            | FromLayer::IncompatibleQos { .. }
+            | FromLayer::InconsistentTopic { .. }
+            | FromLayer::Welcome(_)
             | FromLayer::FanOut { .. }
             | FromLayer::Channel { .. }
             | FromLayer::ChannelClosed { .. } => {}
         }
+    }
+
+    pub(super) fn end_match(&mut self, now: Instant, local: EntityId, remote: Guid) {
+        self.endpoints.unmatch(now, local, remote);
+        self.review_group(local);
+        self.on_entity(local, |entity, audience| {
+            entity.remove_match(remote, audience)
+        });
     }
 
     /// Has a writer not send what a reader does not want, as far as that is understood.
@@ -90,13 +97,14 @@ impl Core {
         }
     }
 
-    pub(super) fn handle_event(&mut self, event: EndpointEvent) {
+    pub(super) fn handle_event(&mut self, now: Instant, event: EndpointEvent) {
         match event {
             EndpointEvent::DataAvailable(id) => {
                 self.batching.expect_answer();
                 self.review_group(id);
                 self.on_entity(id, |entity, audience| entity.data_available(audience));
             }
+            EndpointEvent::Asserted { .. } => self.tell_assertion(now),
             EndpointEvent::Acknowledged(id) => {
                 self.on_entity(id, |entity, audience| entity.wake(audience));
             }
@@ -131,6 +139,7 @@ impl Core {
         self.on_entity(local, |entity, audience| {
             let topic = entity.topic();
             tracing::warn!("topic {topic:?} has another type at {remote}: the two do not match");
+            audience.topics.note_inconsistent(topic, remote);
             entity.report(
                 StatusEvent::InconsistentTopic { total: 0, remote },
                 audience,
@@ -150,7 +159,9 @@ impl Core {
 /// The status that an event changes, and whose it is. Its total is counted later.
 fn status_of(event: EndpointEvent) -> Option<(EntityId, StatusEvent)> {
     Some(match event {
-        EndpointEvent::DataAvailable(_) | EndpointEvent::Acknowledged(_) => return None,
+        EndpointEvent::DataAvailable(_)
+        | EndpointEvent::Acknowledged(_)
+        | EndpointEvent::Asserted { .. } => return None,
         EndpointEvent::LivelinessLost(writer) => (writer, StatusEvent::LivelinessLost { total: 0 }),
         EndpointEvent::SampleLost {
             reader,

@@ -8,6 +8,7 @@ use thiserror::Error;
 use super::in_process::{InProcessError, InProcessLink};
 use super::kernel::{AttachError, KernelLink};
 use super::{LayerChoice, Link};
+use crate::error::CreateError;
 use crate::sys::Epoll;
 
 /// The environment variable that decides where the program does not.
@@ -48,6 +49,9 @@ pub enum OpenError {
     /// The in-process layer's sockets could not be opened.
     #[error("the in-process layer cannot be used: {0}")]
     InProcess(#[from] InProcessError),
+    /// The participant cannot have these policies.
+    #[error(transparent)]
+    Policies(#[from] CreateError),
     /// The system has no descriptors, memory or threads left.
     #[error("the system refuses what every participant needs: {0}")]
     System(#[from] std::io::Error),

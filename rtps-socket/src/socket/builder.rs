@@ -106,20 +106,18 @@ impl<P: From<RtpsSocket>> Builder<P> {
     /// Joins the domain.
     ///
     /// # Errors
-    /// When the chosen layer cannot be used; the error says what to do.
+    /// When the chosen layer cannot be used, or the user data are too long; the error says what to do.
     pub fn open(self) -> Result<P, OpenError> {
         let driver = Arc::new(Driver::open(&self.settings)?);
         if let Some(size) = self.fragment_size {
             let shared = driver.shared();
             shared.with(|core, _| core.limit_fragments(size));
         }
+        let socket = RtpsSocket { driver };
         if !self.user_data.is_empty() {
-            let user_data = self.user_data;
-            driver
-                .shared()
-                .with(|core, now| core.describe(now, user_data));
+            socket.describe(self.user_data)?;
         }
-        Ok(RtpsSocket { driver }.into())
+        Ok(socket.into())
     }
 }
 

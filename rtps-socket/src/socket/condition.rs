@@ -1,19 +1,18 @@
-//! What can be waited for of a writer or reader.
+//! What can be waited for of a participant and its entities.
 
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use rtps_user::reader::Selection;
-use rtps_user::wire::EntityId;
+use rtps_user::reader::{Reader, Selection};
 
-use crate::driver::{Core, Shared};
+use crate::driver::{Core, Scope, Shared};
 use crate::filter::PayloadFilter;
-use crate::status::{StatusKind, StatusMask};
+use crate::status::StatusMask;
 
-/// A condition of one endpoint.
+/// A condition of an entity.
 pub(crate) struct Watched {
     shared: Arc<Shared>,
-    id: EntityId,
+    scope: Scope,
     trigger: Trigger,
 }
 
@@ -25,13 +24,22 @@ pub(crate) enum Trigger {
     Read(Selection),
     /// There is a sample of a selection that passes.
     Query(Selection, Mutex<PayloadFilter>),
+    /// What is found in the participant is so.
+    Holds(Box<dyn Fn(&Core) -> bool + Send + Sync>),
+}
+
+impl Trigger {
+    /// True while one of these statuses has changed.
+    pub(crate) fn on(statuses: StatusMask) -> Self {
+        Self::Status(AtomicU32::new(statuses.bits()))
+    }
 }
 
 impl Watched {
-    pub(super) fn new(shared: &Arc<Shared>, id: EntityId, trigger: Trigger) -> Self {
+    pub(crate) fn new(shared: &Arc<Shared>, scope: Scope, trigger: Trigger) -> Self {
         Self {
             shared: Arc::clone(shared),
-            id,
+            scope,
             trigger,
         }
     }
@@ -41,31 +49,37 @@ impl Watched {
         &self.shared
     }
 
-    /// The endpoint.
-    pub(crate) fn id(&self) -> EntityId {
-        self.id
+    /// The entity.
+    pub(crate) fn scope(&self) -> Scope {
+        self.scope
     }
 
     pub(crate) fn trigger(&self) -> &Trigger {
         &self.trigger
     }
 
-    /// Whether the condition is true; that of an endpoint that is gone never is.
+    /// Whether the condition is true; that of an entity that is gone never is.
     pub(crate) fn is_true(&self, core: &Core) -> bool {
-        let reader = core.endpoints.reader(self.id);
         match &self.trigger {
             Trigger::Status(mask) => {
                 let mask = StatusMask::from_bits(mask.load(Ordering::Relaxed));
-                let wants_data = mask.contains(StatusKind::DataAvailable);
-                let has_data = wants_data && reader.is_some_and(|reader| reader.has_data());
-                let entity = core.entity(self.id);
-                has_data || entity.is_some_and(|entity| entity.statuses.changed().intersects(mask))
+                core.status_changes(self.scope).intersects(mask)
             }
-            Trigger::Read(selection) => reader.is_some_and(|reader| reader.has_matching(selection)),
-            Trigger::Query(selection, filter) => reader.is_some_and(|reader| {
+            Trigger::Holds(is_true) => is_true(core),
+            Trigger::Read(selection) => self
+                .reader(core)
+                .is_some_and(|reader| reader.has_matching(selection)),
+            Trigger::Query(selection, filter) => self.reader(core).is_some_and(|reader| {
                 let filter = filter.lock().unwrap_or_else(PoisonError::into_inner);
                 reader.has_matching_where(selection, &filter)
             }),
+        }
+    }
+
+    fn reader<'a>(&self, core: &'a Core) -> Option<&'a Reader> {
+        match self.scope {
+            Scope::Endpoint(id) => core.endpoints.reader(id),
+            Scope::Group(_) | Scope::Topic(_) | Scope::Participant => None,
         }
     }
 }

@@ -9,7 +9,7 @@ use super::condition::{Trigger, Watched};
 use super::group::Group;
 use super::template::check_endpoint;
 use crate::dcps::EndpointBuiltinTopicData;
-use crate::driver::{Driver, Inherits, Listener, Shared};
+use crate::driver::{Driver, Inherits, Listener, Scope, Shared};
 use crate::error::{SetQosError, WaitError};
 use crate::qos::{changed_for_good, policies};
 use crate::status::{StatusEvent, StatusMask, Statuses};
@@ -93,7 +93,13 @@ impl EndpointHandle {
     }
 
     pub(super) fn watch(&self, trigger: Trigger) -> Watched {
-        Watched::new(self.shared(), self.id(), trigger)
+        Watched::new(self.shared(), Scope::Endpoint(self.id()), trigger)
+    }
+
+    /// The statuses that have changed since they were last asked for.
+    pub(super) fn status_changes(&self) -> StatusMask {
+        let scope = Scope::Endpoint(self.id());
+        self.shared().poll(|core, _| core.status_changes(scope))
     }
 
     /// Asks for a status, after taking in what has arrived.

@@ -9,10 +9,11 @@ use rtps_user::reader::{Reader, Selection};
 use rtps_user::wire::{EntityId, Guid};
 use rtps_user::writer;
 
+use super::condition::{Trigger, Watched};
 use super::group_order::in_order;
 use super::raw_writer::to_timestamp;
 use super::template::check_endpoint;
-use crate::driver::{Core, Driver, EntityListener, GroupId};
+use crate::driver::{Core, Driver, EntityListener, GroupId, Scope};
 use crate::error::{SetQosError, WaitError};
 use crate::qos::policies;
 use crate::status::StatusMask;
@@ -51,6 +52,19 @@ impl Group {
         self.driver
             .shared()
             .with(|core, _| core.set_entity_listener(Some(self.id), mask, listener));
+    }
+
+    /// A condition of the endpoints.
+    pub(crate) fn watch(&self, trigger: Trigger) -> Watched {
+        Watched::new(self.driver.shared(), Scope::Group(self.id), trigger)
+    }
+
+    /// The statuses of the endpoints that have changed since they were last asked for.
+    pub(crate) fn status_changes(&self) -> StatusMask {
+        let scope = Scope::Group(self.id);
+        self.driver
+            .shared()
+            .poll(|core, _| core.status_changes(scope))
     }
 
     /// Makes the endpoints known that are not yet.
@@ -156,6 +170,13 @@ impl Group {
                 self.for_each_reader(core, Reader::freeze);
             }
         });
+    }
+
+    /// A reader has come: while the readers are frozen it shows nothing either.
+    pub(super) fn welcome_reader(&self, core: &mut Core, reader: EntityId) {
+        if self.depth.load(Ordering::Relaxed) > 0 {
+            core.endpoints.reader_mut(reader).map(Reader::freeze);
+        }
     }
 
     /// Lets the readers show what has come.

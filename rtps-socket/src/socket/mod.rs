@@ -13,6 +13,7 @@ mod template;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
 
+use rtps_user::layer::protocol::MAX_USER_DATA;
 use rtps_user::qos::Presentation;
 use rtps_user::reader::{InstanceOf, ReaderConfig, ReaderTiming};
 use rtps_user::wire::{EntityKind, Guid};
@@ -139,6 +140,9 @@ impl RtpsSocket {
             });
             core.declare(now, template.into_declaration(guid.entity));
             core.stage_groups(guid.entity);
+            if let Some(group) = &group {
+                group.welcome_reader(core, guid.entity);
+            }
             Ok(guid)
         })?;
         let endpoint = EndpointHandle::new(&self.driver, guid, group);
@@ -157,8 +161,20 @@ impl RtpsSocket {
             .with(|core, _| core.set_entity_listener(None, mask, Arc::new(listener)));
     }
 
-    pub(crate) fn shared(&self) -> &Shared {
+    pub(crate) fn shared(&self) -> &Arc<Shared> {
         self.driver.shared()
+    }
+
+    /// Has others see USER_DATA of the participant.
+    pub(crate) fn describe(&self, user_data: Vec<u8>) -> Result<(), CreateError> {
+        let (size, limit) = (user_data.len(), MAX_USER_DATA);
+        if size > limit {
+            return Err(CreateError::UserDataTooLong { size, limit });
+        }
+        self.driver
+            .shared()
+            .with(|core, now| core.describe(now, user_data));
+        Ok(())
     }
 
     /// A publisher or subscriber.

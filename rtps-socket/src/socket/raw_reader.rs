@@ -15,7 +15,7 @@ use super::condition::{Trigger, Watched};
 use super::endpoint::EndpointHandle;
 use super::template::check_endpoint;
 use crate::dcps::EndpointBuiltinTopicData;
-use crate::driver::{Core, Limit, Shared};
+use crate::driver::{Core, Limit, Scope, Shared};
 use crate::error::{CreateError, SetQosError, WaitError};
 use crate::filter::PayloadFilter;
 use crate::qos::{Qos, policies};
@@ -167,7 +167,7 @@ impl RawReader {
             if let Some(sample) = self.take_one(core) {
                 return Poll::Ready(sample);
             }
-            core.wake_later(self.endpoint.id(), context.waker());
+            core.wake_later(Scope::Endpoint(self.endpoint.id()), context.waker());
             Poll::Pending
         })
     }
@@ -270,9 +270,10 @@ impl RawReader {
         self.endpoint.watch(trigger)
     }
 
-    /// The statuses that have changed since they were last asked for.
+    /// The statuses that have changed since they were last asked for; DATA_AVAILABLE as long as there is a sample that has
+    /// not been read.
     pub fn status_changes(&self) -> StatusMask {
-        self.endpoint.status(|statuses| statuses.changed())
+        self.endpoint.status_changes()
     }
 
     /// SUBSCRIPTION_MATCHED.

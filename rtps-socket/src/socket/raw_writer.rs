@@ -223,7 +223,8 @@ impl RawWriter {
         acknowledged.unwrap_or(Err(WaitError::Unacknowledged))
     }
 
-    /// Asserts that the writer is alive, where LIVELINESS is MANUAL_BY_TOPIC.
+    /// Asserts that the writer is alive, where LIVELINESS is manual; of MANUAL_BY_PARTICIPANT all of the participant's are then.
+    /// Writing does as well.
     pub fn assert_liveliness(&self) {
         self.endpoint.shared().with(|core, now| {
             if let Some(writer) = core.endpoints.writer_mut(self.endpoint.id()) {
@@ -287,7 +288,7 @@ impl RawWriter {
 
     /// The statuses that have changed since they were last asked for.
     pub fn status_changes(&self) -> StatusMask {
-        self.endpoint.status(|statuses| statuses.changed())
+        self.endpoint.status_changes()
     }
 
     /// PUBLICATION_MATCHED.

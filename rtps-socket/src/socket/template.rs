@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use rtps_user::layer::protocol::{Endpoint, MAX_PROTOCOL_MESSAGE, ToLayer};
-use rtps_user::qos::{ContentFilter, DataRepresentation, History};
+use rtps_user::qos::{ContentFilter, DataRepresentation};
 use rtps_user::wire::{EntityId, EntityKind};
 use rtps_user::xtypes::TypeSupport;
 
@@ -13,7 +13,7 @@ use crate::driver::{Declaration, Inherits, MakeFilter};
 use crate::error::CreateError;
 use crate::filter::PayloadFilter;
 use crate::link::encode;
-use crate::qos::policies;
+use crate::qos::{check_consistency, policies};
 
 /// Bytes of the largest description of a type, so that there is room for the policies beside it.
 const MAX_TYPE: usize = MAX_PROTOCOL_MESSAGE / 4;
@@ -110,17 +110,7 @@ pub(super) fn check_endpoint(endpoint: Endpoint) -> Result<(), CreateError> {
     if qos.representation.contains(&DataRepresentation::Xml) {
         return Err(CreateError::UnsupportedRepresentation);
     }
-    match (qos.history, qos.resource_limits.max_samples_per_instance) {
-        (History::KeepLast(0), _) => return Err(CreateError::NoHistory),
-        (History::KeepLast(depth), Some(limit)) if depth > limit => {
-            return Err(CreateError::InconsistentLimits { depth, limit });
-        }
-        _ => {}
-    }
-    let (deadline, separation) = (qos.deadline.0, qos.time_based_filter.0);
-    if separation > deadline {
-        return Err(CreateError::InconsistentSeparation);
-    }
+    check_consistency(qos).map_err(CreateError::Inconsistent)?;
     let declaration = ToLayer::Declare(Box::new(endpoint));
     let (size, limit) = (encode(&declaration).len(), MAX_PROTOCOL_MESSAGE);
     match size > limit {
@@ -132,7 +122,8 @@ pub(super) fn check_endpoint(endpoint: Endpoint) -> Result<(), CreateError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::qos::Qos;
+    use crate::error::InconsistentPolicy;
+    use crate::qos::{PolicyId, Qos};
 
     #[test]
     fn nonsense_is_refused() {
@@ -149,14 +140,12 @@ mod tests {
             ));
         }
         let nothing = Qos::default().keep_last(0).into_writer();
-        assert_eq!(check("T", "T", &nothing), Err(CreateError::NoHistory));
-        let limits = Qos::default()
-            .keep_last(9)
-            .resource_limits(None, None, Some(3))
-            .into_writer();
+        let policy = PolicyId::History;
         assert_eq!(
-            check("T", "T", &limits),
-            Err(CreateError::InconsistentLimits { depth: 9, limit: 3 })
+            check("T", "T", &nothing),
+            Err(CreateError::Inconsistent(InconsistentPolicy::NoHistory {
+                policy
+            }))
         );
         let much = Qos::default()
             .user_data([1; 60_000])

@@ -1,7 +1,7 @@
 //! Communication statuses as counts (DDS 1.4 section 2.2.4.1 and figure 2.13), one type for what writers and readers
 //! count alike.
 //!
-//! The fields that end in `_change` are since the status was last asked for.
+//! The fields that end in `_change` are since the status was last asked for, or told to a listener.
 
 use rtps_user::qos::PolicyId;
 use rtps_user::reader::RejectedReason;
@@ -194,9 +194,26 @@ impl Statuses {
         self.changed
     }
 
-    /// A listener was told.
+    /// A listener was told, which is as good as asking: the changes begin anew.
     pub(crate) fn told(&mut self, kind: StatusKind) {
         self.changed.remove(kind);
+        match kind {
+            StatusKind::PublicationMatched | StatusKind::SubscriptionMatched => {
+                self.matched(kind);
+            }
+            StatusKind::OfferedIncompatibleQos | StatusKind::RequestedIncompatibleQos => {
+                self.incompatible.total.total_count_change = 0;
+            }
+            StatusKind::OfferedDeadlineMissed | StatusKind::RequestedDeadlineMissed => {
+                self.deadline(kind);
+            }
+            StatusKind::InconsistentTopic => _ = self.inconsistent(),
+            StatusKind::LivelinessLost => _ = self.liveliness_lost(),
+            StatusKind::LivelinessChanged => _ = self.liveliness(),
+            StatusKind::SampleLost => _ = self.lost(),
+            StatusKind::SampleRejected => _ = self.rejected(),
+            StatusKind::DataOnReaders | StatusKind::DataAvailable | StatusKind::Trouble => {}
+        }
     }
 
     pub(crate) fn matched(&mut self, kind: StatusKind) -> MatchedStatus {
@@ -296,6 +313,32 @@ mod tests {
             StatusEvent::OfferedIncompatibleQos { total: 4, .. }
         ));
         assert_eq!(statuses.incompatible(kind).total, count(4, 1));
+    }
+
+    #[test]
+    fn what_a_listener_was_told_is_no_change_any_more() {
+        let mut statuses = Statuses::default();
+        let kind = StatusKind::SampleRejected;
+        for instance in [KeyHash([1; 16]), KeyHash([2; 16])] {
+            statuses.note(&mut StatusEvent::SampleRejected {
+                reason: RejectedReason::SamplesPerInstance,
+                instance,
+                total: 0,
+                writer: Guid::UNKNOWN,
+            });
+            statuses.note(&mut incompatible(PolicyId::Deadline));
+            statuses.told(kind);
+        }
+        assert!(!statuses.changed().contains(kind));
+        let status = statuses.rejected();
+        assert_eq!(
+            (status.total.total_count, status.total.total_count_change),
+            (2, 0)
+        );
+        assert_eq!(status.last_instance, Some(KeyHash([2; 16])));
+        assert_eq!(status.last_reason, Some(RejectedReason::SamplesPerInstance));
+        let untold = statuses.incompatible(StatusKind::OfferedIncompatibleQos);
+        assert_eq!(untold.total.total_count_change, 2);
     }
 
     #[test]

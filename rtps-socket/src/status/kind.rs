@@ -65,6 +65,12 @@ impl StatusMask {
         self.0 & other.0 != 0
     }
 
+    /// The kinds that are in either set.
+    #[must_use]
+    pub fn union(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
     pub(crate) fn bits(self) -> u32 {
         self.0
     }

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use rtps_socket::error::WaitError;
-use rtps_socket::qos::PolicyId;
+use rtps_socket::qos::{LivelinessKind, PolicyId};
 use rtps_socket::{InstanceState, Qos, StatusEvent};
 
 use crate::support::{self, Shape, participant, shape};
@@ -306,4 +306,28 @@ fn a_reader_that_stops_holds_a_keep_all_writer_up() {
         assert_eq!(reader.take_next(LONG).expect("a sample").data.unwrap().x, x);
     }
     writer.write(&shape("BLUE", written, 0)).unwrap();
+}
+
+/// MANUAL_BY_PARTICIPANT: readers of the other learn by the participant's message that it is alive.
+#[test]
+fn a_writer_that_writes_keeps_the_others_of_its_participant_alive() {
+    const LEASE: Duration = Duration::from_millis(1500);
+    let domain = support::own_network();
+    let (a, b) = (participant(domain), participant(domain));
+    let qos = || Qos::reliable().liveliness(LivelinessKind::ManualByParticipant, LEASE);
+    let [one, two] = ["One", "Two"].map(|name| a.create_topic::<Shape>(name).unwrap());
+    let writing = a.create_writer(&one, qos()).unwrap();
+    let _silent = a.create_writer(&two, qos()).unwrap();
+    let reader = b.create_reader(&two, qos()).unwrap();
+    reader.wait_for_matched(1, LONG).unwrap();
+    let end = Instant::now() + 2 * LEASE;
+    while Instant::now() < end {
+        writing.write(&shape("BLUE", 1, 0)).unwrap();
+        let status = reader.liveliness_changed_status();
+        assert_eq!((status.alive_count, status.not_alive_count), (1, 0));
+        std::thread::sleep(LEASE / 5);
+    }
+    support::eventually(|| reader.liveliness_changed_status().not_alive_count == 1);
+    a.assert_liveliness();
+    support::eventually(|| reader.liveliness_changed_status().alive_count == 1);
 }

@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use rtps_socket::error::{SetQosError, WriteError};
+use rtps_socket::error::{CreateError, SetQosError, WriteError};
 use rtps_socket::qos::{PolicyId, PresentationScope};
 use rtps_socket::{EntityEvent, Qos, StatusEvent, StatusKind, StatusMask};
 
@@ -211,4 +211,30 @@ fn publishers_wait_for_all_their_writers() {
     publisher.resume_publications();
     publisher.wait_for_acknowledgments(LONG).unwrap();
     assert_eq!(reader.take().len(), 10);
+}
+
+#[test]
+fn policies_that_contradict_each_other_are_refused() {
+    let participant = participant(support::own_network());
+    let tight = || {
+        Qos::reliable()
+            .keep_last(4)
+            .resource_limits(None, None, Some(2))
+    };
+    assert!(
+        participant
+            .create_topic_with::<Shape>("No", tight())
+            .is_err()
+    );
+    let topic = participant.create_topic::<Shape>("Shapes").unwrap();
+    let refused = participant.create_writer(&topic, tight()).err().unwrap();
+    assert!(matches!(refused, CreateError::Inconsistent(_)), "{refused}");
+    let second = Duration::from_secs(1);
+    let qos = || Qos::reliable().time_based_filter(second);
+    let reader = participant.create_reader(&topic, qos()).unwrap();
+    let before = reader.qos();
+    let refused = reader.set_qos(qos().deadline(second / 2)).unwrap_err();
+    assert!(refused.to_string().contains("500ms"), "{refused}");
+    assert_eq!(reader.qos(), before);
+    reader.set_qos(qos().deadline(second)).unwrap();
 }

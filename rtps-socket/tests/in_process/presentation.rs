@@ -58,6 +58,25 @@ fn an_access_freezes_all_readers() {
         assert_eq!(xs(reader), [2]);
     }
 }
+
+#[test]
+fn a_reader_that_comes_during_an_access_shows_nothing_before_its_end() {
+    let participant = participant(support::own_network());
+    let topic = participant.create_topic::<Shape>("Late").unwrap();
+    let qos = || Qos::reliable().keep_all().transient_local();
+    let writer = participant.create_writer(&topic, qos()).unwrap();
+    let subscriber = participant.create_subscriber(Qos::default());
+    writer.write(&shape("BLUE", 1, 0)).unwrap();
+    let access = subscriber.begin_access();
+    let reader = subscriber.create_reader(&topic, qos()).unwrap();
+    writer.wait_for_matched(1, LONG).unwrap();
+    writer.wait_for_acknowledgments(LONG).unwrap();
+    assert_eq!(xs(&reader), []);
+    assert!(access.readers().is_empty());
+    access.end();
+    assert_eq!(xs(&reader), [1]);
+}
+
 #[test]
 fn a_set_of_a_topic_is_seen_as_a_whole() {
     let domain = support::own_network();

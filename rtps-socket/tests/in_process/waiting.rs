@@ -4,8 +4,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use rtps_socket::{
-    Condition, DataReader, DataWriter, DomainParticipant, GuardCondition, Qos, Selection,
-    StatusKind, WaitSet,
+    Condition, DataReader, DataWriter, DdsType, DomainParticipant, GuardCondition, Qos, Selection,
+    StatusKind, StatusMask, WaitSet,
 };
 
 use crate::support::{self, Shape, participant, shape};
@@ -165,4 +165,97 @@ fn queries_look_into_samples() {
     assert_eq!(set.wait(SHORT), []);
     writer.write(&shape("BLUE", 10, 0)).unwrap();
     assert_eq!(set.wait(LONG).len(), 1);
+}
+
+#[test]
+fn a_subscriber_has_data_until_its_readers_have_been_read() {
+    let participant = participant(support::own_network());
+    let subscriber = participant.create_subscriber(Qos::default());
+    let publisher = participant.create_publisher(Qos::default());
+    let topic = participant.create_topic::<Shape>("One").unwrap();
+    let condition = subscriber.status_condition(StatusKind::DataOnReaders.into());
+    let of_writers = publisher.status_condition(StatusKind::PublicationMatched.into());
+    let of_all = participant.status_condition(StatusKind::SubscriptionMatched.into());
+    let data = WaitSet::new();
+    data.attach(&condition);
+    assert_eq!(data.wait(SHORT), []);
+    let reader = subscriber
+        .create_reader(&topic, Qos::reliable().keep_all())
+        .unwrap();
+    let matches = WaitSet::new();
+    matches.attach(&of_writers);
+    let mut writer = None;
+    thread::scope(|scope| {
+        scope.spawn(later(|| {
+            writer = Some(publisher.create_writer(&topic, Qos::reliable()).unwrap());
+        }));
+        assert_eq!(matches.wait(LONG), [of_writers.as_ref().clone()]);
+    });
+    let writer = writer.unwrap();
+    matches.attach(&of_all);
+    matches.detach(&of_writers);
+    assert_eq!(matches.wait(LONG), [of_all.as_ref().clone()]);
+    reader.subscription_matched_status();
+    assert_eq!(matches.wait(SHORT), []);
+    for _ in 0..2 {
+        thread::scope(|scope| {
+            scope.spawn(later(|| _ = writer.write(&shape("BLUE", 1, 0)).unwrap()));
+            assert_eq!(data.wait(LONG), [condition.as_ref().clone()]);
+        });
+        assert!(
+            subscriber
+                .status_changes()
+                .contains(StatusKind::DataOnReaders)
+        );
+        assert!(reader.status_changes().contains(StatusKind::DataAvailable));
+        assert_eq!(reader.take().len(), 1);
+        thread::scope(|scope| {
+            scope.spawn(later(|| _ = writer.write(&shape("BLUE", 2, 0)).unwrap()));
+            let found = support::block_on(data.wait_async());
+            assert_eq!(found, [condition.as_ref().clone()]);
+        });
+        reader.read();
+        assert!(!condition.as_ref().trigger_value());
+        reader.take_selection(9, &Selection::default());
+    }
+    condition.set_enabled_statuses(StatusMask::NONE);
+    writer.write(&shape("BLUE", 1, 0)).unwrap();
+    assert_eq!(data.wait(SHORT), []);
+}
+
+#[derive(DdsType)]
+#[dds(type_name = "AnotherType")]
+struct Another {
+    number: i32,
+}
+
+#[test]
+fn a_topic_counts_those_who_use_its_name_otherwise() {
+    let domain = support::own_network();
+    let (a, b) = (participant(domain), participant(domain));
+    let topic = a.create_topic::<Shape>("Same").unwrap();
+    let condition = topic.status_condition(StatusKind::InconsistentTopic.into());
+    let set = WaitSet::new();
+    set.attach(&condition);
+    let _reader = a.create_reader(&topic, Qos::default()).unwrap();
+    let other = b.create_topic::<Another>("Same").unwrap();
+    thread::scope(|scope| {
+        let wait = scope.spawn(|| set.wait(LONG));
+        let first = b.create_writer(&other, Qos::default()).unwrap();
+        assert_eq!(wait.join().unwrap(), [condition.as_ref().clone()]);
+        drop(first);
+    });
+    let status = topic.inconsistent_topic_status();
+    assert_eq!((status.total_count, status.total_count_change), (1, 1));
+    assert!(!condition.as_ref().trigger_value());
+    let (sender, told) = std::sync::mpsc::channel();
+    topic.set_listener(move |status| sender.send(status).unwrap());
+    let _second = b.create_writer(&other, Qos::default()).unwrap();
+    let status = told.recv_timeout(LONG).unwrap();
+    assert_eq!((status.total_count, status.total_count_change), (2, 1));
+    assert!(!condition.as_ref().trigger_value(), "the listener was told");
+    assert_eq!(
+        topic.clone().inconsistent_topic_status().total_count_change,
+        0
+    );
 }

@@ -1,5 +1,7 @@
 //! What happens to endpoints, for the app that they belong to.
 
+use std::time::Instant;
+
 use crate::reader::{ReaderEvent, RejectedReason};
 use crate::wire::{EntityId, Guid, KeyHash};
 use crate::writer::WriterEvent;
@@ -11,6 +13,12 @@ pub enum EndpointEvent {
     DataAvailable(EntityId),
     /// The writer's readers have acknowledged more: there may be room for a write that found none.
     Acknowledged(EntityId),
+    /// The MANUAL_BY_PARTICIPANT writers are alive, because one of them is: the participant is to tell it to their readers
+    /// (RTPS 2.5 section 8.4.13).
+    Asserted {
+        /// Since then.
+        at: Instant,
+    },
     /// LIVELINESS_LOST: the writer's lease passed without an assertion.
     LivelinessLost(EntityId),
     /// SAMPLE_LOST.
@@ -71,6 +79,7 @@ impl EndpointEvent {
             WriterEvent::DeadlineMissed { instance } => {
                 Self::OfferedDeadlineMissed { writer, instance }
             }
+            WriterEvent::Asserted { at } => Self::Asserted { at },
             WriterEvent::LivelinessLost => Self::LivelinessLost(writer),
         }
     }

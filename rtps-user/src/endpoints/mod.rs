@@ -8,6 +8,7 @@
 mod dispatch;
 mod endpoint;
 mod event;
+mod liveliness;
 mod matched;
 mod schedule;
 #[cfg(test)]
@@ -38,6 +39,8 @@ pub struct Endpoints {
     foreign: u64,
     schedule: Schedule,
     events: VecDeque<EndpointEvent>,
+    /// When the readers of MANUAL_BY_PARTICIPANT writers were told last that these are alive.
+    shared: Option<Instant>,
 }
 
 impl Endpoints {
@@ -50,6 +53,7 @@ impl Endpoints {
             foreign: 0,
             schedule: Schedule::default(),
             events: VecDeque::new(),
+            shared: None,
         }
     }
 
@@ -90,6 +94,9 @@ impl Endpoints {
         };
         for remote in remotes {
             self.forget_match(remote, id);
+        }
+        if shares_liveliness(&scheduled.endpoint) {
+            self.refresh_sharing();
         }
     }
 
@@ -162,18 +169,6 @@ impl Endpoints {
         }
     }
 
-    /// The app asserts the liveliness of all its writers that are MANUAL_BY_PARTICIPANT.
-    pub fn assert_liveliness(&mut self, now: Instant) {
-        for (place, scheduled) in self.endpoints.iter_mut() {
-            if let Some(writer) = scheduled.endpoint.as_writer_mut()
-                && writer.is_asserted_by_others()
-            {
-                writer.assert_liveliness(now);
-                self.schedule.touch(place, &mut scheduled.mark);
-            }
-        }
-    }
-
     /// Does what is due.
     pub fn handle_timeout(&mut self, now: Instant) {
         for index in 0..self.schedule.dirty_len() {
@@ -239,38 +234,23 @@ impl Endpoints {
                 }
             }
         }
-        self.events.pop_front()
-    }
-
-    /// A writer whose lease ends may be alive because another is (DDS 1.4 section 2.2.3.11).
-    fn share_liveliness(&mut self, now: Instant, place: u32) {
-        let writer =
-            |scheduled: &Scheduled| scheduled.endpoint.as_writer().map(Writer::asserted_for_all);
-        let due = self
-            .endpoints
-            .at_mut(place)
-            .and_then(|due| due.endpoint.as_writer());
-        if !due.is_some_and(|writer| writer.depends_on_others(now)) {
-            return;
-        }
-        let asserted = self.endpoints.iter_mut();
-        let newest = asserted
-            .filter_map(|(_, scheduled)| writer(scheduled)?)
-            .max();
-        let due = self
-            .endpoints
-            .at_mut(place)
-            .and_then(|due| due.endpoint.as_writer_mut());
-        if let (Some(writer), Some(newest)) = (due, newest) {
-            writer.handle_assertion(newest);
+        let event = self.events.pop_front()?;
+        match event {
+            // Several may have been due at once.
+            EndpointEvent::Asserted { at } if !self.note_shared(at) => self.poll_event(),
+            event => Some(event),
         }
     }
 
     fn add(&mut self, id: EntityId, endpoint: Endpoint) {
         self.remove(id);
         let mark = Mark::default();
+        let shares = shares_liveliness(&endpoint);
         let scheduled = Scheduled { id, endpoint, mark };
         self.endpoints.insert(id, scheduled);
+        if shares {
+            self.refresh_sharing();
+        }
     }
 
     fn touched(&mut self, id: EntityId) -> Option<&mut Endpoint> {
@@ -293,4 +273,9 @@ impl Endpoints {
             self.matched.remove(remote);
         }
     }
+}
+
+fn shares_liveliness(endpoint: &Endpoint) -> bool {
+    let writer = endpoint.as_writer();
+    writer.is_some_and(Writer::is_asserted_by_others)
 }

@@ -354,18 +354,22 @@ fn what_comes_from_elsewhere_is_refused_and_counted() {
     assert!(is_acknowledged(&apps));
 }
 
-#[test]
-fn manual_by_participant_writers_are_alive_together() {
+const LEASE: Duration = Duration::from_millis(900);
+
+/// The MANUAL_BY_PARTICIPANT writers of one app.
+fn manual_writers<const N: usize>() -> (Endpoints, [EntityId; N]) {
     let prefix = GuidPrefix([1; 12]);
-    let ids = [1, 2].map(|serial| EntityId::of_app(1, serial, EntityKind::WriterNoKey));
     let mut endpoints = Endpoints::new(prefix);
+    let ids = std::array::from_fn(|serial| {
+        EntityId::of_app(1, serial as u16 + 1, EntityKind::WriterNoKey)
+    });
     for id in ids {
         endpoints.add_writer(WriterConfig {
             guid: Guid::new(prefix, id),
             qos: Qos {
                 liveliness: Liveliness {
                     kind: LivelinessKind::ManualByParticipant,
-                    lease: crate::wire::Duration::from_std(Duration::from_secs(1)),
+                    lease: crate::wire::Duration::from_std(LEASE),
                 },
                 ..qos()
             },
@@ -373,32 +377,76 @@ fn manual_by_participant_writers_are_alive_together() {
             timing: WriterTiming::default(),
         });
     }
+    (endpoints, ids)
+}
+
+fn write(endpoints: &mut Endpoints, now: Instant, id: EntityId) {
+    let change = NewChange {
+        kind: ChangeKind::Alive,
+        instance: KeyHash::default(),
+        payload: vec![0; 8].into(),
+        timestamp: Timestamp::default(),
+    };
+    let writer = endpoints.writer_mut(id).unwrap();
+    writer.write(now, change).unwrap();
+}
+
+fn events(endpoints: &mut Endpoints, now: Instant) -> Vec<EndpointEvent> {
+    endpoints.handle_timeout(now);
+    while endpoints.poll_transmit(now, &mut Vec::new()).is_some() {}
+    std::iter::from_fn(|| endpoints.poll_event()).collect()
+}
+
+#[test]
+fn manual_by_participant_writers_are_alive_together() {
+    let (mut endpoints, ids) = manual_writers::<2>();
     let mut now = Instant::now();
     endpoints.assert_liveliness(now);
-    let lost = |endpoints: &mut Endpoints, now| {
-        endpoints.handle_timeout(now);
-        while endpoints.poll_transmit(now, &mut Vec::new()).is_some() {}
-        let events = std::iter::from_fn(|| endpoints.poll_event());
-        events.collect::<Vec<_>>()
-    };
     for _ in 0..5 {
-        now += Duration::from_millis(600);
-        let change = NewChange {
-            kind: ChangeKind::Alive,
-            instance: KeyHash::default(),
-            payload: vec![0; 8].into(),
-            timestamp: Timestamp::default(),
-        };
-        endpoints
-            .writer_mut(ids[0])
-            .unwrap()
-            .write(now, change)
-            .unwrap();
-        assert_eq!(lost(&mut endpoints, now), [], "the other one writes");
+        now += LEASE * 6 / 10;
+        write(&mut endpoints, now, ids[0]);
+        let told = [EndpointEvent::Asserted { at: now }];
+        assert_eq!(events(&mut endpoints, now), told, "none is lost");
     }
-    now += Duration::from_secs(1);
+    now += LEASE;
     let both = ids.map(EndpointEvent::LivelinessLost);
-    let mut events = lost(&mut endpoints, now);
+    let mut events = events(&mut endpoints, now);
     events.sort_by_key(|event| format!("{event:?}"));
     assert_eq!(events, both);
+}
+
+#[test]
+fn assertions_are_told_at_once_and_no_more_often_than_needed() {
+    let (mut endpoints, ids) = manual_writers::<2>();
+    let start = Instant::now();
+    let mut told = Vec::new();
+    // One of them writes for 500 ms, 1000 samples a second, the other now and then.
+    for millis in 0..2000 {
+        let now = start + Duration::from_millis(millis);
+        if millis < 500 {
+            write(&mut endpoints, now, ids[0]);
+            if millis % 100 == 50 {
+                write(&mut endpoints, now, ids[1]);
+            }
+        }
+        for event in events(&mut endpoints, now) {
+            match event {
+                EndpointEvent::Asserted { at } => told.push((at - start).as_millis()),
+                EndpointEvent::LivelinessLost(_) => assert!(millis >= 499 + 900),
+                other => panic!("unexpected {other:?}"),
+            }
+        }
+    }
+    assert_eq!(told, [0, 300, 600], "the last one for the last sample");
+}
+
+#[test]
+fn who_is_alone_tells_only_what_it_does_not_write() {
+    let (mut endpoints, [id]) = manual_writers::<1>();
+    let now = Instant::now();
+    write(&mut endpoints, now, id);
+    assert_eq!(events(&mut endpoints, now), []);
+    endpoints.writer_mut(id).unwrap().assert_liveliness(now);
+    let told = [EndpointEvent::Asserted { at: now }];
+    assert_eq!(events(&mut endpoints, now), told);
 }

@@ -1,6 +1,6 @@
 //! What a writer is made with, and what it tells.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use thiserror::Error;
 
@@ -105,6 +105,11 @@ pub enum WriterEvent {
     DeadlineMissed {
         /// The instance.
         instance: KeyHash,
+    },
+    /// The writer is alive, and with it the other MANUAL_BY_PARTICIPANT writers of its app: their readers are to be told.
+    Asserted {
+        /// Since then.
+        at: Instant,
     },
     /// The lease of a MANUAL liveliness passed without an assertion.
     LivelinessLost,

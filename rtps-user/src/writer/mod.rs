@@ -46,7 +46,7 @@ use fragment_window::FragmentWindow;
 use heartbeat::Heartbeats;
 use lifespan::Expiry;
 use live::Live;
-use liveliness::Lease;
+use liveliness::{Lease, Sign};
 use packet::{Layout, Packet};
 use position::Position;
 use publication::Publisher;
@@ -105,6 +105,7 @@ pub struct Writer {
 struct Events {
     acknowledged: bool,
     liveliness_lost: bool,
+    asserted: Option<Instant>,
 }
 
 impl Writer {
@@ -205,7 +206,8 @@ impl Writer {
             self.expiry.watch(now, self.last, &self.history);
         }
         self.skip_without_readers();
-        self.lease.renew(now, self.config.qos.liveliness);
+        let liveliness = self.config.qos.liveliness;
+        self.lease.renew(now, liveliness, Sign::Change);
         Ok(self.last)
     }
 
@@ -238,7 +240,7 @@ impl Writer {
     /// The app asserts that the writer is alive.
     pub fn assert_liveliness(&mut self, now: Instant) {
         let liveliness = self.config.qos.liveliness;
-        self.lease.renew(now, liveliness);
+        self.lease.renew(now, liveliness, Sign::Assertion);
         if liveliness.kind == LivelinessKind::ManualByTopic {
             self.live.assert_liveliness();
         }
@@ -316,6 +318,9 @@ impl Writer {
             self.missed.push_back(instance);
         }
         self.events.liveliness_lost |= self.lease.expire(now);
+        if self.lease.expire_sharing(now) {
+            self.events.asserted = Some(now);
+        }
     }
 
     /// When [`handle_timeout`](Self::handle_timeout) is due.
@@ -352,6 +357,9 @@ impl Writer {
         }
         if let Some(instance) = self.missed.pop_front() {
             return Some(WriterEvent::DeadlineMissed { instance });
+        }
+        if let Some(at) = self.events.asserted.take() {
+            return Some(WriterEvent::Asserted { at });
         }
         std::mem::take(&mut self.events.liveliness_lost).then_some(WriterEvent::LivelinessLost)
     }

@@ -28,6 +28,25 @@ fn burst(messages: &[&Message]) -> (Message, u32) {
     (more.iter().fold((*first).clone(), append), segment)
 }
 
+/// The frame with the checksum that its IPv4 header has to have.
+fn summed(description: &Frame, payload: &[u8]) -> Vec<u8> {
+    let mut frame = description.carrying(payload);
+    let udp = description.udp_offset();
+    let version_and_length =
+        |ip: &usize| frame[*ip] >> 4 == 4 && *ip + 4 * usize::from(frame[*ip] & 15) == udp;
+    let ip = (14..udp)
+        .step_by(4)
+        .find(version_and_length)
+        .expect("an IPv4 header");
+    let words = frame[ip..udp].chunks_exact(2);
+    let sum: u32 = words
+        .map(|word| u32::from(u16::from_be_bytes([word[0], word[1]])))
+        .sum();
+    let sum = (sum & 0xffff) + (sum >> 16);
+    frame[ip + 10..ip + 12].copy_from_slice(&(!(sum as u16)).to_be_bytes());
+    frame
+}
+
 #[test]
 fn what_is_not_the_layers_passes_counted() -> Result<()> {
     skip_unless!(require::root());
@@ -113,12 +132,17 @@ fn a_sleeping_app_is_woken_by_the_datagram_itself() -> Result<()> {
 #[test]
 fn whoever_is_concerned_by_one_datagram_of_a_burst_gets_all() -> Result<()> {
     skip_unless!(require::root());
-    let mut layer = delivering(DOORBELL_PACKET)?;
+    let mut layer = delivering(DOORBELL_RING)?;
     layer.sleep(1, true)?;
     let first = remote().data(reader_of(1), writer_of(3), 100);
     let second = remote().data(reader_of(2), writer_of(3), 100);
+    let nobody = remote().data(ANYBODY, writer_of(3), 100);
     let last = remote().data(reader_of(1), writer_of(3), 8);
-    for messages in [vec![&first, &second, &last], vec![&first, &second]] {
+    for messages in [
+        vec![&first, &second, &last],
+        vec![&first, &second],
+        vec![&nobody, &first, &nobody, &second, &nobody],
+    ] {
         let (all, segment) = burst(&messages);
         let len = all.bytes().len() as u64;
         for frame in [unicast(), unicast().ip_options(2), unicast().vlan_tags(1)] {
@@ -140,12 +164,45 @@ fn whoever_is_concerned_by_one_datagram_of_a_burst_gets_all() -> Result<()> {
 }
 
 #[test]
+fn a_sleeping_app_is_woken_by_what_is_left_of_a_burst() -> Result<()> {
+    skip_unless!(require::root());
+    let mut layer = delivering(DOORBELL_PACKET)?;
+    let message = remote().data(ANYBODY, MATCHED_WRITER, 100);
+    let (all, segment) = burst(&[&message, &message, &message]);
+    layer.sleep(9, true)?;
+    for frame in [unicast(), unicast().ip_options(2), unicast().vlan_tags(1)] {
+        let outcome = layer.run_ingress(&summed(&frame, all.bytes()), segment)?;
+        assert_eq!(outcome.verdict, TCX_NEXT);
+        assert_eq!(slots(&outcome, &all), [2, 9]);
+        assert_eq!(outcome.counts["doorbell_packet"], 1);
+        let mut expected = summed(&frame, &[]);
+        expected[..6].fill(0);
+        let udp = frame.udp_offset();
+        expected[udp + 2..udp + 4].copy_from_slice(&(DOORBELL_PORT + 9).to_be_bytes());
+        expected[udp + 6..udp + 8].fill(0);
+        assert_eq!(outcome.packet, expected);
+    }
+    Ok(())
+}
+
+#[test]
+fn a_burst_for_nobody_is_left_to_the_stack() -> Result<()> {
+    skip_unless!(require::root());
+    let mut layer = delivering(DOORBELL_RING)?;
+    let message = remote().data(ANYBODY, writer_of(3), 100);
+    let (all, segment) = burst(&[&message, &message]);
+    let outcome = layer.run_ingress(&unicast().carrying(all.bytes()), segment)?;
+    assert_eq!(outcome.verdict, TCX_NEXT);
+    assert_eq!(outcome.counts, counts(&[]));
+    Ok(())
+}
+
+#[test]
 fn a_burst_that_holds_anything_else_is_left_to_the_stack() -> Result<()> {
     skip_unless!(require::root());
     let mut layer = delivering(DOORBELL_RING)?;
     let data = remote().data(reader_of(1), writer_of(3), 100);
     let others = [
-        ("for nobody", remote().data(ANYBODY, writer_of(3), 100)),
         ("built-in", remote().data(ANYBODY, SPDP_WRITER, 100)),
         ("malformed", data.clone().with(0, b'X')),
     ];

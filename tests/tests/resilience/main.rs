@@ -11,6 +11,7 @@ mod daemon_stopped;
 mod flood;
 mod hostile;
 mod idle;
+mod ignored;
 mod isolation;
 mod many_apps;
 mod same_host;

@@ -1,20 +1,22 @@
 //! What a frame at the tc hook has for apps: a datagram, or several in one.
 //!
-//! A veth hands over as one what its other end has sent in one call (GSO), unless an XDP program is in the way. Each
-//! datagram is walked by itself, and who is concerned by one of them gets all, in one record.
+//! A veth hands over as one what its other end has sent in one call (GSO), unless an XDP program is in the way. The
+//! datagrams are walked one after the other, and who is concerned by one of them gets all, in one record.
 
 use core::ops::ControlFlow;
 
 use rtps_ebpf::{
-    Counter, SlotSet,
-    abi::{DOORBELL_PACKET, Domain},
-    frame::{UDP_CHECKSUM, UDP_DESTINATION, UDP_LEN},
+    Counter,
+    abi::DOORBELL_PACKET,
+    frame::{
+        Datagram, IPV4_CHECKSUM, IPV4_LENGTH, UDP_CHECKSUM, UDP_DESTINATION, UDP_LEN, UDP_LENGTH,
+    },
 };
 
 use crate::{
     deliver::Delivery,
     maps::{self, Counters, Scratch},
-    message::examine,
+    message,
     sys::{LinkBuffer, Repeat, repeat},
 };
 
@@ -32,14 +34,12 @@ pub(crate) struct Burst {
     segment: u32,
     /// How many there have been.
     count: u32,
-    /// The apps that these concern.
-    targets: SlotSet,
 }
 
 /// What became of a frame for one of the apps' ports.
 pub(crate) enum Taken {
-    /// Nothing: built-in endpoints are concerned as well, or it is a burst that holds something else than messages for
-    /// apps. Others see each of its datagrams by itself.
+    /// Nothing: built-in endpoints are concerned as well, or it is a burst for nobody, or with something malformed.
+    /// Others see each of its datagrams by itself.
     Left,
     /// It concerns nobody.
     Nobody(Counter),
@@ -55,29 +55,29 @@ pub(crate) fn take(buffer: &LinkBuffer, scratch: &mut Scratch) -> Taken {
     let Some(domain) = maps::domain(scratch.header.domain_index.into()) else {
         return Taken::Left;
     };
+    message::begin(scratch, domain);
+    if !walk(buffer, scratch) {
+        return Taken::Left;
+    }
     let counters = Counters::of(buffer.ifindex());
-    let is_one = scratch.header.segment == 0;
-    match walk(buffer, scratch, domain) {
-        Ok(()) => {}
-        Err(Some(counter)) if is_one => {
+    let concerned = message::conclude(scratch);
+    match concerned {
+        Ok(false) => {}
+        Err(counter) if scratch.header.segment == 0 => {
             counters.count(Counter::IngressMessages);
             counters.count_malformed(scratch.malformed);
             return Taken::Nobody(counter);
         }
-        Err(_) => return Taken::Left,
+        _ => return Taken::Left,
     }
     counters.add(Counter::IngressMessages, scratch.burst.count.into());
     counters.count_malformed(scratch.malformed);
     deliver(buffer, scratch, counters)
 }
 
-/// Finds the apps that all of the datagrams are for. The error is that one is not, with the counter if it is for nobody.
+/// Walks all of the datagrams; whether there is no reason to have others see each of them by itself.
 #[inline(always)]
-fn walk(
-    buffer: &LinkBuffer,
-    scratch: &mut Scratch,
-    domain: &'static Domain,
-) -> Result<(), Option<Counter>> {
+fn walk(buffer: &LinkBuffer, scratch: &mut Scratch) -> bool {
     let len = scratch.header.message_len;
     let start = scratch.datagram.udp + UDP_LEN;
     scratch.burst = Burst {
@@ -88,26 +88,21 @@ fn walk(
             segment => segment.into(),
         },
         count: 0,
-        targets: SlotSet::EMPTY,
     };
     let mut walk = Walk {
         buffer,
         scratch,
-        domain,
-        // More than there can be, until the last one is reached.
-        found: Err(None),
+        is_whole: false,
     };
     repeat(MAX_DATAGRAMS, &mut walk);
-    walk.found?;
-    scratch.targets = scratch.burst.targets;
-    Ok(())
+    walk.is_whole
 }
 
 struct Walk<'a> {
     buffer: &'a LinkBuffer,
     scratch: &'a mut Scratch,
-    domain: &'static Domain,
-    found: Result<(), Option<Counter>>,
+    /// The last one was reached.
+    is_whole: bool,
 }
 
 impl Repeat for Walk<'_> {
@@ -116,19 +111,15 @@ impl Repeat for Walk<'_> {
         let scratch = &mut *self.scratch;
         let (start, end) = (scratch.burst.start, scratch.burst.end);
         let len = (end - start).min(scratch.burst.segment);
-        let message = self.buffer.message(start, len);
-        match examine(&message, scratch, self.domain) {
-            Ok(false) => scratch.burst.targets.union(&scratch.targets),
-            Ok(true) => return ControlFlow::Break(()),
-            Err(counter) => {
-                self.found = Err(Some(counter));
-                return ControlFlow::Break(());
-            }
+        scratch.walk.next_message();
+        message::walk(&self.buffer.message(start, len), scratch);
+        if scratch.malformed.is_some() && scratch.header.segment != 0 {
+            return ControlFlow::Break(());
         }
         scratch.burst.count += 1;
         scratch.burst.start = start + len;
         if start + len >= end {
-            self.found = Ok(());
+            self.is_whole = true;
             return ControlFlow::Break(());
         }
         ControlFlow::Continue(())
@@ -139,8 +130,7 @@ impl Repeat for Walk<'_> {
 fn deliver(buffer: &LinkBuffer, scratch: &mut Scratch, counters: Counters) -> Taken {
     let by_packet = maps::config().is_some_and(|config| config.doorbell == DOORBELL_PACKET);
     let message = buffer.message(scratch.datagram.udp + UDP_LEN, scratch.header.message_len);
-    // The stack would take several datagrams apart again before the first could wake anybody.
-    let doorbell_by_packet = by_packet && scratch.datagram.ipv4 && scratch.header.segment == 0;
+    let doorbell_by_packet = by_packet && scratch.datagram.ipv4;
     let mut delivery = Delivery {
         message: &message,
         scratch,
@@ -148,14 +138,29 @@ fn deliver(buffer: &LinkBuffer, scratch: &mut Scratch, counters: Counters) -> Ta
         doorbell_by_packet,
     };
     match delivery.run() {
-        Some(port) if redirect(buffer, scratch.datagram.udp, port).is_ok() => Taken::Rings,
+        Some(port) if redirect(buffer, scratch, port).is_ok() => Taken::Rings,
         _ => Taken::Delivered,
     }
 }
 
-/// Turns the datagram into the doorbell of the app with this port, without a checksum, as the XDP hook does.
+/// Turns the frame into the doorbell of the app with this port, without a checksum, as the XDP hook does.
 #[inline(always)]
-fn redirect(buffer: &LinkBuffer, udp: u32, port: u16) -> Result<(), ()> {
-    buffer.store(udp + UDP_DESTINATION, &port.to_be_bytes())?;
-    buffer.store(udp + UDP_CHECKSUM, &[0, 0])
+fn redirect(buffer: &LinkBuffer, scratch: &Scratch, port: u16) -> Result<(), ()> {
+    let datagram = &scratch.datagram;
+    if scratch.header.segment != 0 {
+        empty(buffer, datagram)?;
+    }
+    buffer.store(datagram.udp + UDP_DESTINATION, &port.to_be_bytes())?;
+    buffer.store(datagram.udp + UDP_CHECKSUM, &[0, 0])
+}
+
+/// Makes a burst one datagram without a payload: the stack would take it apart again before the first could wake
+/// anybody, and all of them would wait in the app's socket.
+#[inline(always)]
+fn empty(buffer: &LinkBuffer, datagram: &Datagram) -> Result<(), ()> {
+    buffer.resize(datagram.udp + UDP_LEN)?;
+    buffer.store(datagram.udp + UDP_LENGTH, &(UDP_LEN as u16).to_be_bytes())?;
+    let len = (datagram.udp + UDP_LEN - datagram.ip) as u16;
+    let (length, checksum) = (datagram.ip + IPV4_LENGTH, datagram.ip + IPV4_CHECKSUM);
+    buffer.store_ipv4(length, &len.to_be_bytes(), checksum)
 }

@@ -25,16 +25,28 @@ pub(crate) fn examine<M: Packet>(
     scratch: &mut Scratch,
     domain: &Domain,
 ) -> Result<bool, Counter> {
+    begin(scratch, domain);
+    walk(message, scratch);
+    conclude(scratch)
+}
+
+/// Prepares for the walk over the first message of those that came together.
+#[inline(always)]
+pub(crate) fn begin(scratch: &mut Scratch, domain: &Domain) {
     scratch.walk = Walk::new(domain.guid_prefix);
+}
+
+/// Walks one of the messages.
+#[inline(always)]
+pub(crate) fn walk<M: Packet>(message: &M, scratch: &mut Scratch) {
     // Assumes the worst until a turn knows better.
     scratch.malformed = Some(Reason::TooManySubmessages);
-    repeat(
-        MAX_STEPS,
-        &mut Walking {
-            scratch: &mut *scratch,
-            message,
-        },
-    );
+    repeat(MAX_STEPS, &mut Walking { scratch, message });
+}
+
+/// Does with the messages together what [`examine`] does with one.
+#[inline(always)]
+pub(crate) fn conclude(scratch: &mut Scratch) -> Result<bool, Counter> {
     let findings = scratch.walk.findings(scratch.malformed);
     if findings.malformed.is_none() && !findings.foreign_source {
         maps::renew(scratch.walk.sender(), scratch.header.received_ns);

@@ -1,13 +1,15 @@
 //! Socket buffers: datagrams at a UDP socket, and frames at the tc hook, which can be turned into
 //! answers.
 
+use core::mem::MaybeUninit;
+
 use aya_ebpf::{
     EbpfContext as _,
     bindings::{__sk_buff, BPF_F_RECOMPUTE_CSUM, bpf_hdr_start_off::BPF_HDR_START_NET},
     check_bounds_signed,
     helpers::{
-        bpf_clone_redirect, bpf_l4_csum_replace, bpf_skb_change_tail, bpf_skb_load_bytes,
-        bpf_skb_load_bytes_relative, bpf_skb_store_bytes,
+        bpf_clone_redirect, bpf_l3_csum_replace, bpf_l4_csum_replace, bpf_skb_change_tail,
+        bpf_skb_load_bytes, bpf_skb_load_bytes_relative, bpf_skb_store_bytes,
     },
     programs::{SkBuffContext, TcContext},
 };
@@ -58,18 +60,15 @@ impl SocketBuffer {
     /// Reads from the IP header.
     #[inline(always)]
     pub(crate) fn load_network<const N: usize>(&self, offset: u32) -> Option<[u8; N]> {
-        let mut bytes = [0; N];
-        // SAFETY: the helper writes `N` bytes at most, and fails beyond the headers.
-        let result = unsafe {
-            bpf_skb_load_bytes_relative(
-                self.context.cast(),
-                offset,
-                (&raw mut bytes).cast(),
-                N as u32,
-                BPF_HDR_START_NET,
-            )
-        };
-        (result == 0).then_some(bytes)
+        let mut bytes = MaybeUninit::<[u8; N]>::uninit();
+        let to = bytes.as_mut_ptr().cast();
+        // SAFETY: the helper writes all `N` bytes, or fails, which is asked first.
+        unsafe {
+            let context = self.context.cast();
+            let result =
+                bpf_skb_load_bytes_relative(context, offset, to, N as u32, BPF_HDR_START_NET);
+            (result == 0).then(|| bytes.assume_init())
+        }
     }
 
     /// The payload: an RTPS message.
@@ -196,6 +195,16 @@ impl LinkBuffer {
         })
     }
 
+    /// Overwrites a two-byte field of the IPv4 header, which `checksum` covers.
+    #[inline(always)]
+    pub(crate) fn store_ipv4(&self, offset: u32, bytes: &[u8; 2], checksum: u32) -> Result<(), ()> {
+        let before = load_buffer::<2>(self.context, offset).ok_or(())?;
+        let [from, to] = [before, *bytes].map(|bytes| u16::from_ne_bytes(bytes).into());
+        // SAFETY: the context is the program's own; the helper checks the offset.
+        succeed(unsafe { bpf_l3_csum_replace(self.context, checksum, from, to, 2) })?;
+        self.store(offset, bytes)
+    }
+
     /// Whether the link or its driver has still to complete the checksum at `offset`, as in frames of a
     /// local veth peer. Spoils the checksum otherwise.
     #[inline(always)]
@@ -266,11 +275,13 @@ impl Packet for BufferMessage {
 
 #[inline(always)]
 fn load_buffer<const N: usize>(context: *mut __sk_buff, offset: u32) -> Option<[u8; N]> {
-    let mut bytes = [0; N];
-    // SAFETY: the helper writes `N` bytes at most, and fails beyond the packet.
-    let result =
-        unsafe { bpf_skb_load_bytes(context.cast(), offset, (&raw mut bytes).cast(), N as u32) };
-    (result == 0).then_some(bytes)
+    let mut bytes = MaybeUninit::<[u8; N]>::uninit();
+    let to = bytes.as_mut_ptr().cast();
+    // SAFETY: the helper writes all `N` bytes, or fails, which is asked first.
+    unsafe {
+        let result = bpf_skb_load_bytes(context.cast(), offset, to, N as u32);
+        (result == 0).then(|| bytes.assume_init())
+    }
 }
 
 #[inline(always)]

@@ -1,5 +1,7 @@
 //! Frames at the XDP hook.
 
+use core::mem::MaybeUninit;
+
 use aya_ebpf::{
     bindings::xdp_md,
     check_bounds_signed,
@@ -105,8 +107,11 @@ impl Packet for FrameMessage {
 
 #[inline(always)]
 fn load_frame<const N: usize>(context: *mut xdp_md, offset: u32) -> Option<[u8; N]> {
-    let mut bytes = [0; N];
-    // SAFETY: the helper writes `N` bytes at most, and fails beyond the frame.
-    let result = unsafe { bpf_xdp_load_bytes(context, offset, (&raw mut bytes).cast(), N as u32) };
-    (result == 0).then_some(bytes)
+    let mut bytes = MaybeUninit::<[u8; N]>::uninit();
+    let to = bytes.as_mut_ptr().cast();
+    // SAFETY: the helper writes all `N` bytes, or fails, which is asked first.
+    unsafe {
+        let result = bpf_xdp_load_bytes(context, offset, to, N as u32);
+        (result == 0).then(|| bytes.assume_init())
+    }
 }
