@@ -7,8 +7,9 @@ mod perf;
 mod stop;
 
 use clap::{Parser, Subcommand};
-use tracing_subscriber::EnvFilter;
-use tracing_subscriber::filter::LevelFilter;
+use tracing_subscriber::filter::{LevelFilter, Targets};
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
 
 /// The command-line tool of the RTPS-socket API.
 #[derive(Debug, Parser)]
@@ -34,12 +35,12 @@ fn main() -> anyhow::Result<()> {
     }
 }
 
-/// Logs to standard error what RUST_LOG asks for, else errors. The filter is only made where it is needed: it would take
-/// a good part of the memory that is measured.
+/// Logs to standard error what RUST_LOG asks for, else errors. Filters that know regular expressions would take a good
+/// part of the memory that is measured.
 fn log() {
-    let log = tracing_subscriber::fmt().with_writer(std::io::stderr);
-    match std::env::var_os("RUST_LOG") {
-        Some(_) => log.with_env_filter(EnvFilter::from_default_env()).init(),
-        None => log.with_max_level(LevelFilter::ERROR).init(),
-    }
+    let asked = std::env::var("RUST_LOG").ok();
+    let filter = asked.and_then(|directives| directives.parse().ok());
+    let filter = filter.unwrap_or_else(|| Targets::new().with_default(LevelFilter::ERROR));
+    let log = tracing_subscriber::fmt::layer().with_writer(std::io::stderr);
+    tracing_subscriber::registry().with(log).with(filter).init();
 }

@@ -8,7 +8,7 @@ use bytes::Bytes;
 use rtps_user::history::{ChangeKind, NewChange};
 use rtps_user::qos::{Qos, Reliability};
 use rtps_user::wire::{Guid, KeyHash, SequenceNumber, Timestamp};
-use rtps_user::writer;
+use rtps_user::writer::{self, Refused};
 
 use super::Group;
 use super::condition::{Trigger, Watched};
@@ -107,18 +107,19 @@ impl RawWriter {
             return Err(WriteError::NotEnabled);
         }
         let (len, shared) = (change.payload.len(), self.endpoint.shared());
-        let mut unsent = None;
         let written = shared.write(len, self.patience(), |core, now| {
             if core.is_lost() {
                 return Err(WriteError::LayerLost);
             }
-            unsent = Some(stamped(change, || core.wall_time(now)));
-            let written = self.write_if_there_is_room(core, now, &mut unsent);
-            written.ok_or(WriteError::Closed)
+            let change = stamped(change, || core.wall_time(now));
+            self.write(core, now, change).ok_or(WriteError::Closed)
         });
         match written? {
-            Err(writer::WriteError::HistoryFull) => self.send_when_there_is_room(unsent),
-            written => written.map_err(WriteError::Refused),
+            Ok(sequence) => Ok(sequence),
+            Err(refused) if refused.error == writer::WriteError::HistoryFull => {
+                self.send_when_there_is_room(refused.change)
+            }
+            Err(refused) => Err(WriteError::Refused(refused.error)),
         }
     }
 
@@ -130,15 +131,16 @@ impl RawWriter {
         }
     }
 
-    fn send_when_there_is_room(
-        &self,
-        mut change: Option<NewChange>,
-    ) -> Result<SequenceNumber, WriteError> {
+    fn send_when_there_is_room(&self, change: NewChange) -> Result<SequenceNumber, WriteError> {
         let deadline = self.max_blocking_time.and_then(deadline);
+        let mut unsent = Some(change);
         let written = self.endpoint.shared().wait_until(deadline, |core, now| {
-            match self.write_if_there_is_room(core, now, &mut change)? {
-                Err(writer::WriteError::HistoryFull) => None,
-                written => Some(written),
+            match self.write(core, now, unsent.take()?)? {
+                Err(refused) if refused.error == writer::WriteError::HistoryFull => {
+                    unsent = Some(refused.change);
+                    None
+                }
+                written => Some(written.map_err(|refused| refused.error)),
             }
         });
         written
@@ -147,22 +149,15 @@ impl RawWriter {
     }
 
     /// Takes the change where the history has room for it; `None` where there is no writer any more.
-    fn write_if_there_is_room(
+    fn write(
         &self,
         core: &mut Core,
         now: Instant,
-        change: &mut Option<NewChange>,
-    ) -> Option<Result<SequenceNumber, writer::WriteError>> {
+        change: NewChange,
+    ) -> Option<Result<SequenceNumber, Refused>> {
         let writer = core.endpoints.writer_mut(self.endpoint.id())?;
-        if let Err(error) = writer.make_room(change.as_ref()?) {
-            return Some(Err(error));
-        }
-        let change = change.take()?;
-        let sequence = self.endpoint.group().and_then(Group::sequence);
-        Some(match sequence {
-            None => writer.write(now, change),
-            Some(mut group) => writer.write_in_group(now, change, &mut group),
-        })
+        let mut group = self.endpoint.group().and_then(Group::sequence);
+        Some(writer.write_or_return(now, change, group.as_deref_mut()))
     }
 
     /// Registers an instance before its first sample, which takes its place within max_instances.

@@ -25,9 +25,10 @@ impl Endpoints {
         source: SocketAddr,
         datagram: &[u8],
     ) -> Result<(), WireError> {
-        for received in MessageReceiver::new(self.prefix, datagram)? {
-            // By reference, because a submessage is large.
-            match &received {
+        let mut receiver = MessageReceiver::new(self.prefix, datagram)?;
+        // By reference, because a submessage is large.
+        while let Some(received) = &receiver.next() {
+            match received {
                 Ok(received) => self.dispatch(now, source.ip(), received),
                 Err(error) => {
                     tracing::debug!(%source, %error, "rest of a message dropped");

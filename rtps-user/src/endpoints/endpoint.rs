@@ -1,5 +1,6 @@
 //! A writer or a reader, as far as both are driven alike.
 
+use std::collections::VecDeque;
 use std::time::Instant;
 
 use super::{EndpointEvent, schedule::Mark};
@@ -14,6 +15,15 @@ pub(super) struct Scheduled {
     pub(super) id: EntityId,
     pub(super) endpoint: Endpoint,
     pub(super) mark: Mark,
+}
+
+impl Scheduled {
+    /// Appends what has happened to it to `events`.
+    pub(super) fn collect_events(&mut self, events: &mut VecDeque<EndpointEvent>) {
+        while let Some(event) = self.endpoint.poll_event(self.id) {
+            events.push_back(event);
+        }
+    }
 }
 
 /// An endpoint of either kind.

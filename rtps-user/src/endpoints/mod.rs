@@ -125,12 +125,10 @@ impl Endpoints {
         let place = self.endpoints.find(reader)?;
         let scheduled = self.endpoints.at_mut(place)?;
         let reader = scheduled.endpoint.as_reader_mut()?;
-        let makes_room = reader.is_blocked();
-        let sample = reader.take_next(selection);
-        if makes_room {
+        if reader.is_blocked() {
             self.schedule.touch(place, &mut scheduled.mark);
         }
-        sample
+        reader.take_next(selection)
     }
 
     /// Matches a local endpoint with a remote one, or updates what is known of a matched one.
@@ -212,16 +210,17 @@ impl Endpoints {
     pub fn poll_transmit(&mut self, now: Instant, out: &mut Vec<u8>) -> Option<Transmit> {
         let start = out.len();
         while let Some(place) = self.schedule.front() {
-            let endpoint = &mut self.endpoints[place].endpoint;
-            let transmit = endpoint.poll_transmit(now, out);
+            let scheduled = &mut self.endpoints[place];
+            let transmit = scheduled.endpoint.poll_transmit(now, out);
             if transmit.is_some() {
                 self.schedule.rotate();
                 return transmit;
             }
             out.truncate(start);
-            self.collect_events(place);
-            self.rearm(place);
-            self.schedule.settle_front(&mut self.endpoints[place].mark);
+            scheduled.collect_events(&mut self.events);
+            let deadline = scheduled.endpoint.poll_timeout();
+            self.schedule.arm(place, &mut scheduled.mark, deadline);
+            self.schedule.settle_front(&mut scheduled.mark);
         }
         None
     }
@@ -231,7 +230,7 @@ impl Endpoints {
         if self.events.is_empty() {
             for index in 0..self.schedule.dirty_len() {
                 if let Some(place) = self.schedule.dirty_at(index) {
-                    self.collect_events(place);
+                    self.endpoints[place].collect_events(&mut self.events);
                 }
             }
         }
@@ -259,13 +258,6 @@ impl Endpoints {
         let scheduled = self.endpoints.at_mut(place)?;
         self.schedule.touch(place, &mut scheduled.mark);
         Some(&mut scheduled.endpoint)
-    }
-
-    fn collect_events(&mut self, place: u32) {
-        let Scheduled { id, endpoint, .. } = &mut self.endpoints[place];
-        while let Some(event) = endpoint.poll_event(*id) {
-            self.events.push_back(event);
-        }
     }
 
     fn rearm(&mut self, place: u32) {

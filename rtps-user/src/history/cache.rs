@@ -70,8 +70,8 @@ impl HistoryCache {
     ) {
         debug_assert!(self.last().is_none_or(|last| last < sequence));
         let older = self.instances.append(change.instance, sequence);
-        if let Some(older) = older.and_then(|older| self.changes.get_mut(older)) {
-            older.newer = Some(sequence);
+        if let Some(older) = self.changes.get_mut(older) {
+            older.newer = sequence;
         }
         self.bytes += change.payload.len();
         let change = CacheChange::new(change, membership, self.weight, older);
@@ -92,7 +92,12 @@ impl HistoryCache {
             payload: Bytes::new(),
             timestamp,
         };
-        let change = CacheChange::new(nothing, Some(Box::new(membership)), self.weight, None);
+        let change = CacheChange::new(
+            nothing,
+            Some(Box::new(membership)),
+            self.weight,
+            SequenceNumber::ZERO,
+        );
         self.set_ends += 1;
         self.push(sequence, change);
     }
@@ -114,6 +119,17 @@ impl HistoryCache {
         }
         self.note(Entry::Removed(sequence));
         Some(change)
+    }
+
+    /// Takes the oldest changes of an instance out until there is room for one more among `depth`.
+    pub fn replace_in(&mut self, instance: Instance, depth: usize) {
+        let mut oldest = instance.oldest;
+        for _ in depth..=instance.len {
+            let Some(change) = self.remove(oldest) else {
+                return;
+            };
+            oldest = change.newer;
+        }
     }
 
     /// Takes the oldest change out if it is not above `limit`.
@@ -181,10 +197,10 @@ impl HistoryCache {
     /// Closes the gap that a change leaves in the list of its instance.
     fn unlink(&mut self, change: &CacheChange) {
         let CacheChange { older, newer, .. } = *change;
-        if let Some(older) = older.and_then(|older| self.changes.get_mut(older)) {
+        if let Some(older) = self.changes.get_mut(older) {
             older.newer = newer;
         }
-        if let Some(newer) = newer.and_then(|newer| self.changes.get_mut(newer)) {
+        if let Some(newer) = self.changes.get_mut(newer) {
             newer.older = older;
         }
         self.instances.unlink(change.instance, older, newer);

@@ -79,21 +79,22 @@ pub struct CacheChange {
     pub membership: Option<Box<Membership>>,
     /// The weight of all changes before this one, also of those that are not there any more.
     pub(super) before: u64,
-    /// The change of the same instance before this one that is still in the history.
-    pub(super) older: Option<SequenceNumber>,
-    /// The change of the same instance after this one that is still in the history.
-    pub(super) newer: Option<SequenceNumber>,
+    /// The change of the same instance before this one that is still in the history, or 0.
+    pub(super) older: SequenceNumber,
+    /// The change of the same instance after this one that is still in the history, or 0.
+    pub(super) newer: SequenceNumber,
 }
 
 impl CacheChange {
-    /// What a change costs beside its payload, in the history as well as on the wire and in the inboxes of readers.
-    pub const OVERHEAD: usize = 128;
+    /// What a change costs beside its payload in the history, whose room grows by doubling, and in the caches of readers;
+    /// on the wire and in the inboxes of readers it is less.
+    pub const OVERHEAD: usize = 224;
 
     pub(super) fn new(
         change: NewChange,
         membership: Option<Box<Membership>>,
         before: u64,
-        older: Option<SequenceNumber>,
+        older: SequenceNumber,
     ) -> Self {
         Self {
             kind: change.kind,
@@ -103,7 +104,7 @@ impl CacheChange {
             membership,
             before,
             older,
-            newer: None,
+            newer: SequenceNumber::ZERO,
         }
     }
 

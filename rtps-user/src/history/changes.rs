@@ -110,7 +110,7 @@ mod tests {
             payload: vec![0].into(),
             timestamp: Timestamp::default(),
         };
-        CacheChange::new(change, None, 0, None)
+        CacheChange::new(change, None, 0, SequenceNumber::ZERO)
     }
 
     #[test]

@@ -16,6 +16,8 @@ pub struct Instance {
     pub len: usize,
 }
 
+/// The number of no change.
+const NONE: SequenceNumber = SequenceNumber::ZERO;
 /// What a topic without key has for a key hash.
 const NAMELESS: KeyHash = KeyHash([0; 16]);
 
@@ -38,35 +40,24 @@ impl Instances {
         }
     }
 
-    /// Appends a change to its instance; gives the one that was the newest before.
-    pub(super) fn append(
-        &mut self,
-        hash: KeyHash,
-        sequence: SequenceNumber,
-    ) -> Option<SequenceNumber> {
+    /// Appends a change to its instance; gives the one that was the newest before, or 0.
+    pub(super) fn append(&mut self, hash: KeyHash, sequence: SequenceNumber) -> SequenceNumber {
         let new = Instance {
             oldest: sequence,
-            newest: sequence,
+            newest: NONE,
             len: 0,
         };
         let instance = match hash {
             NAMELESS => self.nameless.get_or_insert(new),
             hash => self.named.entry(hash).or_insert(new),
         };
-        let older = (instance.len > 0).then_some(instance.newest);
-        instance.newest = sequence;
         instance.len += 1;
-        older
+        std::mem::replace(&mut instance.newest, sequence)
     }
 
-    /// A change was taken out that stood between `older` and `newer`.
-    pub(super) fn unlink(
-        &mut self,
-        hash: KeyHash,
-        older: Option<SequenceNumber>,
-        newer: Option<SequenceNumber>,
-    ) {
-        if older.is_none() && newer.is_none() {
+    /// A change was taken out that stood between `older` and `newer`, which are 0 at the ends.
+    pub(super) fn unlink(&mut self, hash: KeyHash, older: SequenceNumber, newer: SequenceNumber) {
+        if (older, newer) == (NONE, NONE) {
             match hash {
                 NAMELESS => self.nameless = None,
                 hash => _ = self.named.remove(&hash),
@@ -78,8 +69,12 @@ impl Instances {
             hash => self.named.get_mut(&hash),
         };
         if let Some(instance) = instance {
-            instance.oldest = newer.filter(|_| older.is_none()).unwrap_or(instance.oldest);
-            instance.newest = older.filter(|_| newer.is_none()).unwrap_or(instance.newest);
+            if older == NONE {
+                instance.oldest = newer;
+            }
+            if newer == NONE {
+                instance.newest = older;
+            }
             instance.len -= 1;
         }
     }

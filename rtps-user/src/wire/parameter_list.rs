@@ -47,6 +47,29 @@ pub struct Parameter<'a> {
     pub value: Cursor<'a>,
 }
 
+impl<'a> Parameter<'a> {
+    /// The next one of a list; `None` at the sentinel.
+    #[inline]
+    pub(super) fn next(cursor: &mut Cursor<'a>) -> Result<Option<Self>, WireError> {
+        let parameter = Self::decode(cursor);
+        parameter.map_err(|_| WireError::InvalidParameterList)
+    }
+
+    #[inline]
+    fn decode(cursor: &mut Cursor<'a>) -> Result<Option<Self>, WireError> {
+        let id = ParameterId(cursor.u16()?);
+        let length = cursor.u16()?;
+        if id == ParameterId::SENTINEL {
+            return Ok(None);
+        }
+        if length % 4 != 0 {
+            return Err(WireError::InvalidParameterList);
+        }
+        let value = Cursor::new(cursor.take(usize::from(length))?, cursor.endianness());
+        Ok(Some(Self { id, value }))
+    }
+}
+
 /// A list whose structure has been checked up to its sentinel.
 #[derive(Clone, Copy, Debug)]
 pub struct ParameterList<'a> {
@@ -60,13 +83,9 @@ impl<'a> ParameterList<'a> {
         let mut cursor = Cursor::new(bytes, endianness);
         loop {
             let start = cursor.position();
-            match next_parameter(&mut cursor) {
-                Ok(Some(_)) => {}
-                Ok(None) => {
-                    let bytes = bytes.get(..start).unwrap_or_default();
-                    return Ok((Self { bytes, endianness }, cursor.position()));
-                }
-                Err(_) => return Err(WireError::InvalidParameterList),
+            if Parameter::next(&mut cursor)?.is_none() {
+                let bytes = bytes.get(..start).unwrap_or_default();
+                return Ok((Self { bytes, endianness }, cursor.position()));
             }
         }
     }
@@ -87,23 +106,9 @@ impl<'a> ParameterList<'a> {
     /// The parameters in order, padding left out.
     pub fn iter(&self) -> impl Iterator<Item = Parameter<'a>> + use<'a> {
         let mut cursor = Cursor::new(self.bytes, self.endianness);
-        std::iter::from_fn(move || next_parameter(&mut cursor).ok().flatten())
+        std::iter::from_fn(move || Parameter::next(&mut cursor).ok().flatten())
             .filter(|parameter| parameter.id != ParameterId::PAD)
     }
-}
-
-/// `None` at the sentinel.
-fn next_parameter<'a>(cursor: &mut Cursor<'a>) -> Result<Option<Parameter<'a>>, WireError> {
-    let id = ParameterId(cursor.u16()?);
-    let length = cursor.u16()?;
-    if id == ParameterId::SENTINEL {
-        return Ok(None);
-    }
-    if length % 4 != 0 {
-        return Err(WireError::InvalidParameterList);
-    }
-    let value = Cursor::new(cursor.take(usize::from(length))?, cursor.endianness());
-    Ok(Some(Parameter { id, value }))
 }
 
 /// Writes a list, little endian, each value padded to a multiple of 4.
@@ -140,6 +145,15 @@ impl<'a> ParameterWriter<'a> {
             }
             Err(_) => self.out.truncate(length_at - 2),
         }
+    }
+
+    /// Appends a parameter whose value is a number of words.
+    pub(super) fn words<const N: usize>(&mut self, id: ParameterId, value: &[u8; N]) {
+        const { assert!(N.is_multiple_of(4) && N <= u16::MAX as usize) };
+        let [id, length] = [id.0, N as u16].map(u16::to_le_bytes);
+        self.out
+            .extend_from_slice(&[id[0], id[1], length[0], length[1]]);
+        self.out.extend_from_slice(value);
     }
 
     /// Appends the sentinel.

@@ -48,9 +48,12 @@ impl SequenceNumber {
 
     /// Writes high and low word, little endian.
     pub fn encode(self, out: &mut Vec<u8>) {
-        let bits = self.0.cast_unsigned();
-        out.extend_from_slice(&((bits >> 32) as u32).to_le_bytes());
-        out.extend_from_slice(&(bits as u32).to_le_bytes());
+        out.extend_from_slice(&self.to_bytes());
+    }
+
+    /// High and low word, little endian.
+    pub(super) fn to_bytes(self) -> [u8; 8] {
+        self.0.rotate_left(32).to_le_bytes()
     }
 }
 

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 use thiserror::Error;
 
 use crate::CountClock;
+use crate::history::NewChange;
 use crate::qos::Qos;
 use crate::wire::{Guid, KeyHash};
 
@@ -55,7 +56,7 @@ impl Default for WriterTiming {
         Self {
             heartbeat_period: Duration::from_millis(10),
             heartbeat_period_max: Duration::from_secs(1),
-            heartbeat_samples: 32,
+            heartbeat_samples: 256,
             nack_response_delay: Duration::ZERO,
             nack_suppression: Duration::from_millis(2),
             nack_suppression_max: Duration::from_millis(100),
@@ -83,6 +84,15 @@ pub enum WriteError {
     /// The payload exceeds what DATA_FRAG can say.
     #[error("a sample of {0} bytes is larger than RTPS can carry (4 GiB)")]
     TooLarge(usize),
+}
+
+/// A change that was not taken.
+#[derive(Clone, Debug, Eq, PartialEq)]
+pub struct Refused {
+    /// Why not.
+    pub error: WriteError,
+    /// The change, for another time.
+    pub change: NewChange,
 }
 
 /// What a writer tells its user.

@@ -36,7 +36,7 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Instant;
 
-pub use config::{WriteError, WriterConfig, WriterEvent, WriterTiming};
+pub use config::{Refused, WriteError, WriterConfig, WriterEvent, WriterTiming};
 pub use group::Group;
 pub use packet::FRAGMENT_OVERHEAD;
 pub use publication::Publication;
@@ -177,20 +177,38 @@ impl Writer {
     /// # Errors
     /// Where the history has no room for it.
     pub fn write(&mut self, now: Instant, change: NewChange) -> Result<SequenceNumber, WriteError> {
-        self.write_as_member(now, change, None)
+        let written = self.write_or_return(now, change, None);
+        written.map_err(|refused| refused.error)
     }
 
-    /// As [`write`](Self::write) for a writer of a publisher, whose group it is.
+    /// As [`write`](Self::write), for a writer of the publisher whose `group` it is, and for one who wants the change back
+    /// where it is not taken.
     ///
     /// # Errors
     /// Where the history has no room for it; the group stays as it was.
-    pub fn write_in_group(
+    pub fn write_or_return(
         &mut self,
         now: Instant,
         change: NewChange,
-        group: &mut Group,
-    ) -> Result<SequenceNumber, WriteError> {
-        self.write_as_member(now, change, Some(group))
+        group: Option<&mut Group>,
+    ) -> Result<SequenceNumber, Refused> {
+        if let Err(error) = self.make_room(&change) {
+            return Err(Refused { error, change });
+        }
+        let membership = self.next_membership(group);
+        self.last = self.last.next();
+        self.note_unregistration(change.kind, self.last);
+        if let Some(registry) = &mut self.registry {
+            registry.note(now, change.instance, change.kind);
+        }
+        if self.keeps_past() || !self.readers.is_empty() {
+            self.history.insert_member(self.last, change, membership);
+            self.expiry.watch(now, self.last, &self.history);
+        }
+        self.skip_without_readers();
+        let liveliness = self.config.qos.liveliness;
+        self.lease.renew(now, liveliness, Sign::Change);
+        Ok(self.last)
     }
 
     /// Takes a change out of the history; reliable readers that lack it are told that it will not come.
@@ -344,29 +362,6 @@ impl Writer {
             return Some(WriterEvent::Asserted { at });
         }
         std::mem::take(&mut self.events.liveliness_lost).then_some(WriterEvent::LivelinessLost)
-    }
-
-    fn write_as_member(
-        &mut self,
-        now: Instant,
-        change: NewChange,
-        group: Option<&mut Group>,
-    ) -> Result<SequenceNumber, WriteError> {
-        self.make_room(&change)?;
-        let membership = self.next_membership(group);
-        self.last = self.last.next();
-        self.note_unregistration(change.kind, self.last);
-        if let Some(registry) = &mut self.registry {
-            registry.note(now, change.instance, change.kind);
-        }
-        if self.keeps_past() || !self.readers.is_empty() {
-            self.history.insert_member(self.last, change, membership);
-            self.expiry.watch(now, self.last, &self.history);
-        }
-        self.skip_without_readers();
-        let liveliness = self.config.qos.liveliness;
-        self.lease.renew(now, liveliness, Sign::Change);
-        Ok(self.last)
     }
 
     fn next_missed(&mut self, now: Instant) -> Option<KeyHash> {

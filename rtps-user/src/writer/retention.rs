@@ -5,14 +5,11 @@ use super::heartbeat::Sent;
 use super::{WriteError, Writer};
 use crate::history::{CacheChange, ChangeKind, Instance, NewChange};
 use crate::qos::{Durability, History, Qos};
-use crate::wire::{KeyHash, SequenceNumber};
+use crate::wire::SequenceNumber;
 
 impl Writer {
-    /// Makes room for a change as [`write`](Self::write) does, for one who wants to keep it where there is none.
-    ///
-    /// # Errors
-    /// Says why there is none.
-    pub fn make_room(&mut self, change: &NewChange) -> Result<(), WriteError> {
+    /// Makes room for a change, or says why there is none.
+    pub(super) fn make_room(&mut self, change: &NewChange) -> Result<(), WriteError> {
         if u32::try_from(change.payload.len()).is_err() {
             return Err(WriteError::TooLarge(change.payload.len()));
         }
@@ -27,8 +24,9 @@ impl Writer {
             return Err(WriteError::HistoryFull);
         }
         match (self.config.qos.history, instance) {
-            (History::KeepLast(depth), Some(_)) => {
-                self.replace_in(change.instance, self.depth(depth));
+            (History::KeepLast(depth), Some(instance)) => {
+                let depth = self.depth(depth) as usize;
+                self.history.replace_in(instance, depth);
             }
             (History::KeepLast(_), None) => {}
             (History::KeepAll, _) if !self.has_window() => return Err(WriteError::HistoryFull),
@@ -113,14 +111,6 @@ impl Writer {
         let unsent = self.selection.unsent_from();
         let unsent = unsent.map_or(live, |unsent| unsent.min(live));
         self.acknowledged().min(unsent.previous())
-    }
-
-    fn replace_in(&mut self, instance: KeyHash, depth: u32) {
-        while let Some(Instance { len, oldest, .. }) = self.history.instance(instance)
-            && len >= depth as usize
-        {
-            self.history.remove(oldest);
-        }
     }
 
     /// As [`give_up`](Self::give_up), for the oldest change that counts.

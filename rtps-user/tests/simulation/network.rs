@@ -231,11 +231,9 @@ impl Network {
     ) {
         for change in changes {
             let now = self.now;
-            let writing = self.writer(writer);
-            if writing.make_room(&change).is_ok() {
-                writing.write(now, change).unwrap();
-            } else {
-                self.write_blocking(writer, change);
+            let written = self.writer(writer).write_or_return(now, change, None);
+            if let Err(refused) = written {
+                self.write_blocking(writer, refused.change);
             }
         }
         self.exchange();

@@ -11,8 +11,8 @@ const LARGEST: u64 = (1 << 36) - 1;
 /// See the module.
 #[derive(Debug)]
 pub(crate) struct Histogram {
-    /// Of each bucket; those of spans that never occur cost no memory, as their pages are never touched.
-    counts: Vec<u32>,
+    /// Of each bucket, [`STEPS`] at a time; those that no span ever came near cost no memory.
+    counts: Vec<Option<Box<[u32; STEPS]>>>,
     count: u64,
     max: Duration,
 }
@@ -20,7 +20,7 @@ pub(crate) struct Histogram {
 impl Default for Histogram {
     fn default() -> Self {
         Self {
-            counts: vec![0; bucket(LARGEST) + 1],
+            counts: vec![None; bucket(LARGEST) / STEPS + 1],
             count: 0,
             max: Duration::ZERO,
         }
@@ -31,9 +31,10 @@ impl Histogram {
     /// Counts a time span.
     pub(crate) fn record(&mut self, span: Duration) {
         let nanos = u64::try_from(span.as_nanos()).unwrap_or(LARGEST);
-        if let Some(count) = self.counts.get_mut(bucket(nanos.min(LARGEST))) {
-            *count = count.saturating_add(1);
-        }
+        let bucket = bucket(nanos.min(LARGEST));
+        let counts = self.counts[bucket / STEPS].get_or_insert_with(no_counts);
+        let count = &mut counts[bucket % STEPS];
+        *count = count.saturating_add(1);
         self.count += 1;
         self.max = self.max.max(span);
     }
@@ -41,7 +42,11 @@ impl Histogram {
     /// Counts all that `other` has counted, which then begins anew.
     pub(crate) fn absorb(&mut self, other: &mut Self) {
         for (own, added) in self.counts.iter_mut().zip(&mut other.counts) {
-            if *added > 0 {
+            let Some(added) = added else {
+                continue;
+            };
+            let own = own.get_or_insert_with(no_counts);
+            for (own, added) in own.iter_mut().zip(added.iter_mut()) {
                 *own = own.saturating_add(std::mem::take(added));
             }
         }
@@ -63,14 +68,27 @@ impl Histogram {
     pub(crate) fn percentile(&self, part: f64) -> Duration {
         let rank = (self.count as f64 * part).ceil().max(1.0) as u64;
         let mut seen = 0;
-        let found = self.counts.iter().position(|count| {
+        let found = self.occupied().find(|(_, count)| {
             seen += u64::from(*count);
             seen >= rank
         });
-        found.map_or(self.max, |bucket| {
+        found.map_or(self.max, |(bucket, _)| {
             Duration::from_nanos(upper_end(bucket)).min(self.max)
         })
     }
+
+    /// The buckets that have counts, and some beside them.
+    fn occupied(&self) -> impl Iterator<Item = (usize, u32)> + '_ {
+        let counts = (0..).zip(&self.counts);
+        counts.flat_map(|(row, counts)| {
+            let counts = counts.iter().flat_map(|counts| counts.iter());
+            (row * STEPS..).zip(counts.copied())
+        })
+    }
+}
+
+fn no_counts() -> Box<[u32; STEPS]> {
+    Box::new([0; STEPS])
 }
 
 /// Up to 2 * STEPS each value has a bucket, then every power of two has STEPS of them.

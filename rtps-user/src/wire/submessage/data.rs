@@ -33,6 +33,8 @@ pub struct Data<'a> {
 
 /// Bytes from behind the field octetsToInlineQos to the inline QoS or payload: two entity ids, the number.
 const OCTETS_TO_INLINE_QOS: u16 = 16;
+/// Bytes before inline QoS and payload.
+const PROLOGUE_LEN: usize = 4 + OCTETS_TO_INLINE_QOS as usize;
 
 impl<'a> Data<'a> {
     const FLAG_INLINE_QOS: u8 = 0x02;
@@ -83,11 +85,13 @@ impl<'a> Data<'a> {
     }
 
     pub(in crate::wire) fn encode(&self, more: &[u8], out: &mut Vec<u8>) {
-        out.extend_from_slice(&[0, 0]);
-        out.extend_from_slice(&OCTETS_TO_INLINE_QOS.to_le_bytes());
-        out.extend_from_slice(&self.reader.0);
-        out.extend_from_slice(&self.writer.0);
-        self.sequence.encode(out);
+        // At once, as this is done for every sample.
+        let mut prologue = [0; PROLOGUE_LEN];
+        prologue[2..4].copy_from_slice(&OCTETS_TO_INLINE_QOS.to_le_bytes());
+        prologue[4..8].copy_from_slice(&self.reader.0);
+        prologue[8..12].copy_from_slice(&self.writer.0);
+        prologue[12..].copy_from_slice(&self.sequence.to_bytes());
+        out.extend_from_slice(&prologue);
         self.inline_qos.encode(more, out);
         out.extend_from_slice(self.payload);
     }

@@ -5,8 +5,7 @@ use std::hash::{Hash, Hasher};
 use serde::{Deserialize, Serialize};
 
 use crate::wire::{
-    Cursor, Duration, Parameter, ParameterId, ParameterList, ParameterWriter, SequenceNumber,
-    WireError,
+    Cursor, Duration, Parameter, ParameterId, ParameterWriter, SequenceNumber, WireError,
 };
 
 /// The 16 bytes that name an instance (RTPS 9.6.4.8): its big-endian key, zero-padded, or the MD5 of it.
@@ -104,10 +103,8 @@ impl InlineQos {
 
     /// Reads a whole list up to its sentinel and moves the cursor behind it.
     pub(super) fn decode(cursor: &mut Cursor<'_>) -> Result<Self, WireError> {
-        let (list, length) = ParameterList::parse(cursor.rest(), cursor.endianness())?;
-        cursor.take(length)?;
         let mut qos = Self::default();
-        for Parameter { id, mut value } in list.iter() {
+        while let Some(Parameter { id, mut value }) = Parameter::next(cursor)? {
             match id {
                 ParameterId::KEY_HASH => qos.key_hash = Some(KeyHash(value.array()?)),
                 // Four octets, of which the last has the flags, whatever the byte order.
@@ -145,14 +142,10 @@ impl InlineQos {
         out.extend_from_slice(more);
         let mut list = ParameterWriter::new(out);
         if let Some(KeyHash(hash)) = self.key_hash {
-            list.parameter(ParameterId::KEY_HASH, |value| {
-                value.extend_from_slice(&hash)
-            });
+            list.words(ParameterId::KEY_HASH, &hash);
         }
         if self.status != StatusInfo::default() {
-            list.parameter(ParameterId::STATUS_INFO, |value| {
-                value.extend_from_slice(&[0, 0, 0, self.status.octet()])
-            });
+            list.words(ParameterId::STATUS_INFO, &[0, 0, 0, self.status.octet()]);
         }
         for (id, number) in [
             (ParameterId::COHERENT_SET, self.coherent_set),
@@ -160,13 +153,11 @@ impl InlineQos {
             (ParameterId::GROUP_COHERENT_SET, self.group_coherent_set),
         ] {
             if let Some(number) = number {
-                list.parameter(id, |value| number.encode(value));
+                list.words(id, &number.to_bytes());
             }
         }
         if let Some(GroupDigest(digest)) = self.writer_group {
-            list.parameter(ParameterId::WRITER_GROUP_INFO, |value| {
-                value.extend_from_slice(&digest)
-            });
+            list.words(ParameterId::WRITER_GROUP_INFO, &digest);
         }
         if let Some(lifespan) = self.lifespan {
             list.parameter(ParameterId::LIFESPAN, |value| lifespan.encode(value));

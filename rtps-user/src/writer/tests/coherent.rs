@@ -199,7 +199,8 @@ fn changes_of_a_group_are_numbered_across_writers() {
     group.set_writers([writer_guid().entity]);
     let (mut one, mut other) = (matched(qos.clone()), matched(qos));
     let write = |bench: &mut Bench, group: &mut Group| {
-        let written = bench.writer.write_in_group(bench.now, change(8), group);
+        let group = Some(group);
+        let written = bench.writer.write_or_return(bench.now, change(8), group);
         written.unwrap();
     };
     write(&mut one, &mut group);
@@ -237,7 +238,7 @@ fn a_writer_of_the_group_that_wrote_nothing_says_so() {
     assert_eq!(nothing, None, "nobody wrote anything");
     let written = other
         .writer
-        .write_in_group(other.now, change(8), &mut group);
+        .write_or_return(other.now, change(8), Some(&mut group));
     written.unwrap();
     bench.writer.end_coherent_in(&group, Timestamp::default());
     assert_eq!(lines(&mut bench), ["1 set end group 1 of 1 empty"]);
@@ -252,7 +253,7 @@ fn a_change_that_is_refused_takes_no_number() {
     let mut write = || {
         bench
             .writer
-            .write_in_group(bench.now, change(8), &mut group)
+            .write_or_return(bench.now, change(8), Some(&mut group))
             .is_ok()
     };
     assert!(write());

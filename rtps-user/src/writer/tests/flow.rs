@@ -125,11 +125,11 @@ fn a_large_answer_comes_in_parts() {
     let lines = bench.lines();
     assert_eq!(
         lines.iter().filter(is_data).count(),
-        54,
+        60,
         "half a window of bytes"
     );
     assert_eq!(lines.last().unwrap(), "HEARTBEAT 1..=100 to 1");
-    assert_eq!(lines.len(), 55);
+    assert_eq!(lines.len(), 61);
     assert!(bench.lines().is_empty());
     // The reader's answer brings the rest, and so does time.
     let mut other = with_window(Durability::Volatile);
@@ -138,12 +138,12 @@ fn a_large_answer_comes_in_parts() {
     other.acknack(1, 1, &all);
     other.lines();
     let rest = other.pass(Duration::from_millis(5));
-    bench.acknack(1, 55, &[]);
+    bench.acknack(1, 61, &[]);
     let at_once = bench.lines();
-    assert_eq!(at_once[..46], rest[..46]);
-    assert_eq!(at_once[46..], ["HEARTBEAT 55..=100 to 1"]);
-    assert_eq!(rest.iter().filter(is_data).count(), 46);
-    assert_eq!(rest[0], "DATA 55 to 1");
+    assert_eq!(at_once[..40], rest[..40]);
+    assert_eq!(at_once[40..], ["HEARTBEAT 61..=100 to 1"]);
+    assert_eq!(rest.iter().filter(is_data).count(), 40);
+    assert_eq!(rest[0], "DATA 61 to 1");
 }
 
 #[test]
@@ -155,9 +155,9 @@ fn the_past_is_replayed_in_parts() {
     let mut best_effort = reliable(Durability::TransientLocal);
     best_effort.reliability = Reliability::BestEffort;
     bench.match_reader(2, 7412, best_effort);
-    assert_eq!(bench.lines().len(), 54);
+    assert_eq!(bench.lines().len(), 60);
     assert!(bench.lines().is_empty());
-    assert_eq!(bench.pass(Duration::from_millis(5)).len(), 46);
+    assert_eq!(bench.pass(Duration::from_millis(5)).len(), 40);
     assert_eq!(bench.writer.poll_timeout(), None);
 }
 

@@ -91,8 +91,15 @@ fn reminders_come_ever_later_and_end_with_the_acknowledgement() {
 }
 
 #[test]
-fn a_heartbeat_travels_with_every_32nd_change() {
-    let mut bench = matched(reliable(Durability::Volatile));
+fn a_heartbeat_travels_with_every_so_many_changes() {
+    let timing = WriterTiming {
+        heartbeat_samples: 32,
+        ..WriterTiming::default()
+    };
+    let qos = reliable(Durability::Volatile);
+    let mut bench = Bench::with_timing(qos.clone(), timing);
+    bench.match_reader(1, 7411, qos);
+    bench.lines();
     let mut heartbeats = 0;
     for number in 1..=96 {
         bench.write(100);
