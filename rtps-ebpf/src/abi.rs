@@ -23,7 +23,7 @@ pub use fan_out::{
 use crate::entity::GuidPrefix;
 
 /// The version of everything in this module.
-pub const ABI_VERSION: u32 = 5;
+pub const ABI_VERSION: u32 = 6;
 
 /// Names of maps and programs, the same in the object and under the pin folder.
 pub mod name {

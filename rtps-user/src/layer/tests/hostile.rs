@@ -439,8 +439,7 @@ fn what_is_announced_never_outgrows_the_messages_to_apps() {
 }
 
 #[test]
-fn a_thousand_participants_are_no_burden() {
-    let start = Instant::now();
+fn a_thousand_participants_are_known() {
     let mut net = Net::new(1);
     let slot = net.attach(0);
     net.declare(0, endpoint(slot, 1, READER));
@@ -452,8 +451,6 @@ fn a_thousand_participants_are_no_burden() {
         let participants = net.hosts[0].layer.status().participants;
         assert_eq!(participants.len(), 1000, "{round}");
     }
-    let elapsed = start.elapsed();
-    assert!(elapsed < 20 * SECOND, "{elapsed:?}");
 }
 
 #[test]
