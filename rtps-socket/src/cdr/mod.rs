@@ -48,6 +48,7 @@ pub use error::{BoundExceeded, DecodeError, EncodeError};
 pub use fields::member_type;
 pub use key::{KeySize, key_hash};
 pub use members::{Bounded, Member, MemberInfo, check_bound};
+pub(crate) use payload::bare_key_of;
 pub use payload::{
     Encapsulation, Representation, from_key_payload, from_payload, key_payload, to_payload,
 };

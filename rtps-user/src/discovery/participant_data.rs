@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 use super::parameters::{
     BUILTIN_ENDPOINT_QOS, BUILTIN_ENDPOINT_SET, DEFAULT_UNICAST_LOCATOR, DOMAIN_ID, DOMAIN_TAG,
     ENTITY_NAME, EXPECTS_INLINE_QOS, METATRAFFIC_MULTICAST_LOCATOR, METATRAFFIC_UNICAST_LOCATOR,
-    PARTICIPANT_GUID, PARTICIPANT_LEASE_DURATION, PROTOCOL_VERSION_ID, VENDOR_ID, read_bool,
-    read_locator, write_locators, write_string_parameter, write_version,
+    PARTICIPANT_GUID, PARTICIPANT_LEASE_DURATION, PROTOCOL_VERSION_ID, VENDOR_ID, VERSION_INFO,
+    read_bool, read_locator, write_locators, write_string_parameter, write_version,
 };
 use crate::qos::parameters::{USER_DATA, read_octets, write_octets};
 use crate::wire::{
@@ -73,6 +73,8 @@ pub struct ParticipantData {
     pub prefix: GuidPrefix,
     /// Whose implementation it is.
     pub vendor: VendorId,
+    /// The first number of its version, where Cyclone DDS says it.
+    pub major_version: Option<u32>,
     /// Its domain, where it says one.
     pub domain: Option<u32>,
     /// Participants with different tags ignore each other.
@@ -112,6 +114,7 @@ impl ParticipantData {
         Self {
             prefix,
             vendor: VendorId::UNKNOWN,
+            major_version: None,
             domain: None,
             domain_tag: String::new(),
             name: String::new(),
@@ -143,6 +146,7 @@ impl ParticipantData {
         match id {
             PARTICIPANT_GUID | PROTOCOL_VERSION_ID => {}
             VENDOR_ID => self.vendor = VendorId(value.array()?),
+            VERSION_INFO => self.major_version = major_version(value),
             DOMAIN_ID => self.domain = Some(value.u32()?),
             DOMAIN_TAG => self.domain_tag = value.string()?.to_owned(),
             ENTITY_NAME => self.name = value.string()?.to_owned(),
@@ -160,6 +164,12 @@ impl ParticipantData {
             _ => return Ok(false),
         }
         Ok(true)
+    }
+
+    /// Whether it is Cyclone DDS before 11, which followed 0.10.
+    pub fn is_cyclone_0(&self) -> bool {
+        let is_old = self.major_version.is_none_or(|major| major == 0);
+        self.vendor == VendorId::CYCLONE_DDS && is_old
     }
 
     /// Whether both say the same but for the order of locators: a host on several networks names those first that
@@ -228,9 +238,20 @@ pub(super) fn encode_participant_key(prefix: GuidPrefix, out: &mut Vec<u8>) {
     list.finish();
 }
 
+/// What VERSION_INFO says; other vendors may mean something else by it.
+fn major_version(value: &mut Cursor<'_>) -> Option<u32> {
+    const NUMBERS: usize = 5;
+    for _ in 0..NUMBERS {
+        value.u32().ok()?;
+    }
+    let version = value.string().ok()?.split('/').nth(1)?;
+    version.split('.').next()?.parse().ok()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::qos::parameters::write_string;
     use proptest::collection::vec;
     use proptest::prelude::*;
 
@@ -317,6 +338,26 @@ mod tests {
         assert!(with(0x8666), "of a vendor: skipped");
         assert!(with(0xc666), "of a vendor: skipped");
         assert!(!with(0x4666), "must be understood");
+    }
+
+    #[test]
+    fn cyclone_says_how_old_it_is() {
+        let is_old = |vendor: VendorId, info: &str| {
+            let mut bytes = encoded(&ParticipantData::new(GuidPrefix([1; 12])));
+            bytes.truncate(bytes.len() - 4);
+            let mut list = ParameterWriter::new(&mut bytes);
+            list.parameter(VENDOR_ID, |out| out.extend_from_slice(&vendor.0));
+            list.parameter(VERSION_INFO, |out| {
+                out.extend_from_slice(&[0; 20]);
+                write_string(info, out);
+            });
+            list.finish();
+            ParticipantData::decode(&bytes).unwrap().is_cyclone_0()
+        };
+        assert!(is_old(VendorId::CYCLONE_DDS, "host/0.10.2/Linux/Linux"));
+        assert!(!is_old(VendorId::CYCLONE_DDS, "host/11.0.1/Linux/Linux"));
+        assert!(is_old(VendorId::CYCLONE_DDS, "who knows"));
+        assert!(!is_old(VendorId::UNKNOWN, "host/0.10.2/Linux/Linux"));
     }
 
     #[test]
