@@ -40,6 +40,7 @@ pub fn remote(guid: Guid, number: u8, qos: Qos) -> RemoteEndpoint {
         addresses: vec![address(number).ip()],
         multicast: Vec::new(),
         expects_inline_qos: false,
+        takes_bare_keys: false,
         qos,
         topic: "Square".to_owned(),
         type_name: "ShapeType".to_owned(),

@@ -23,6 +23,8 @@ pub struct RemoteEndpoint {
     pub multicast: Vec<SocketAddr>,
     /// A reader that wants inline QoS with each sample.
     pub expects_inline_qos: bool,
+    /// A reader that takes keys in XCDR2 without DHEADERs: of Cyclone DDS 0.10.
+    pub takes_bare_keys: bool,
     /// Its policies.
     pub qos: Qos,
     /// The topic that it is matched on.

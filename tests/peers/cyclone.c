@@ -86,6 +86,10 @@ static dds_qos_t *endpoint_qos(void)
     if (options.liveliness_ms != 0)
         dds_qset_liveliness(qos, DDS_LIVELINESS_AUTOMATIC,
                             DDS_MSECS((dds_duration_t)options.liveliness_ms));
+    if (options.strength >= 0) {
+        dds_qset_ownership(qos, DDS_OWNERSHIP_EXCLUSIVE);
+        dds_qset_ownership_strength(qos, options.strength);
+    }
     dds_data_representation_id_t representation =
         options.xcdr == 2 ? DDS_DATA_REPRESENTATION_XCDR2 : DDS_DATA_REPRESENTATION_XCDR1;
     dds_qset_data_representation(qos, 1, &representation);

@@ -9,8 +9,10 @@ import threading
 import time
 from dataclasses import dataclass
 
+from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
 from cyclonedds.core import InstanceState, Listener
 from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.dynamic import get_types_for_typeid
 from cyclonedds.idl import IdlStruct
 from cyclonedds.idl.annotations import appendable, final, key
 from cyclonedds.idl.types import bounded_str, int32, sequence, uint8
@@ -21,7 +23,7 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
 TAKE_AT_ONCE = 64
-POLICIES = {2: "DURABILITY", 10: "PARTITION", 11: "RELIABILITY", 23: "DATA_REPRESENTATION"}
+POLICIES = {2: "DURABILITY", 4: "DEADLINE", 6: "OWNERSHIP", 10: "PARTITION", 11: "RELIABILITY", 23: "DATA_REPRESENTATION"}
 
 stopped = threading.Event()
 printing = threading.Lock()
@@ -55,6 +57,8 @@ def options():
     role = parser.add_mutually_exclusive_group(required=True)
     role.add_argument("--pub", action="store_true")
     role.add_argument("--sub", action="store_true")
+    # Asks whoever writes the topic for its type.
+    role.add_argument("--type", action="store_true")
     parser.add_argument("--topic", default="Square")
     parser.add_argument("--domain", type=int, default=0)
     parser.add_argument("--count", type=int, default=0)
@@ -76,6 +80,8 @@ def options():
     parser.add_argument("--linger", type=float, default=0)
     parser.add_argument("--timeout", type=float, default=30)
     parser.add_argument("--interface", required=True)
+    parser.add_argument("--strength", type=int)
+    parser.add_argument("--deadline-ms", type=int)
     return parser.parse_args()
 
 
@@ -94,6 +100,11 @@ def configure_domain(asked):
 def endpoint_qos(asked):
     history = Policy.History.KeepLast(asked.keep_last) if asked.keep_last else Policy.History.KeepAll
     reliable = Policy.Reliability.Reliable(duration(seconds=10))
+    more = [] if asked.strength is None else [
+        Policy.Ownership.Exclusive, Policy.OwnershipStrength(asked.strength)
+    ]
+    if asked.deadline_ms is not None:
+        more.append(Policy.Deadline(duration(milliseconds=asked.deadline_ms)))
     late = asked.durability == "transient-local"
     return Qos(
         Policy.Reliability.BestEffort if asked.best_effort else reliable,
@@ -106,6 +117,7 @@ def endpoint_qos(asked):
         Policy.DataRepresentation(
             use_cdrv0_representation=asked.xcdr == 1, use_xcdrv2_representation=asked.xcdr == 2
         ),
+        *more,
     )
 
 
@@ -159,6 +171,18 @@ def publish(asked, writer, shape_type, give_up):
     return sent >= asked.count
 
 
+def tell_type(asked, participant, give_up):
+    endpoints = BuiltinDataReader(participant, BuiltinTopicDcpsPublication)
+    while not stopped.is_set() and time.monotonic() < give_up:
+        for endpoint in endpoints.take(TAKE_AT_ONCE):
+            if endpoint.topic_name == asked.topic and endpoint.type_id is not None:
+                found, _ = get_types_for_typeid(participant, endpoint.type_id, duration(seconds=10))
+                report("type", name=found.__idl_typename__, members=list(found.__annotations__))
+                return True
+        time.sleep(0.01)
+    return False
+
+
 def take(reader):
     received = 0
     for sample in reader.take(TAKE_AT_ONCE):
@@ -198,6 +222,8 @@ def main():
         signal.signal(number, lambda *_: stopped.set())
     _domain = configure_domain(asked)
     participant = DomainParticipant(asked.domain)
+    if asked.type:
+        return tell_type(asked, participant, give_up)
     shape_type = Appendable if asked.xcdr == 2 else Final
     topic = Topic(participant, asked.topic, shape_type)
     qos, group = endpoint_qos(asked), group_qos(asked)

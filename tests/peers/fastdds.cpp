@@ -141,6 +141,8 @@ template <typename Qos> Qos endpoint_qos(Qos qos)
         qos.liveliness().lease_duration = Duration_t(lease);
         qos.liveliness().announcement_period = Duration_t(lease / 2);
     }
+    if (options.strength >= 0)
+        qos.ownership().kind = EXCLUSIVE_OWNERSHIP_QOS;
     qos.endpoint().history_memory_policy =
         eprosima::fastrtps::rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
     return qos;
@@ -291,6 +293,7 @@ bool run_publisher(DomainParticipant* participant, Topic* topic)
     // By default 3 s, which would be the time until the last sample is acknowledged.
     qos.reliable_writer_qos().times.heartbeatPeriod = Duration_t(0.1L);
     qos.writer_data_lifecycle().autodispose_unregistered_instances = false;
+    qos.ownership_strength().value = std::max(options.strength, 0);
     if (options.size > SYNCHRONOUS_MAX)
         qos.publish_mode().kind = ASYNCHRONOUS_PUBLISH_MODE;
     WriterEvents events;

@@ -37,7 +37,8 @@ static void usage(const char *program)
             "  --peer ADDR          address to announce to\n"
             "  --interface I        network interface (Cyclone: name, Fast DDS: address)\n"
             "  --deadline-ms D      deadline QoS (none)\n"
-            "  --liveliness-ms L    lease of AUTOMATIC liveliness (none)\n",
+            "  --liveliness-ms L    lease of AUTOMATIC liveliness (none)\n"
+            "  --strength N         EXCLUSIVE ownership; of a publisher with that strength (SHARED)\n",
             program);
     exit(2);
 }
@@ -104,6 +105,7 @@ static const struct option long_options[] = {
     {"interface", required_argument, NULL, 'I'},
     {"deadline-ms", required_argument, NULL, 'L'},
     {"liveliness-ms", required_argument, NULL, 'A'},
+    {"strength", required_argument, NULL, 'G'},
     {NULL, 0, NULL, 0},
 };
 
@@ -135,6 +137,7 @@ static void apply(struct peer_options *options, int option, const char *program,
     case 'I': options->interface = value; break;
     case 'L': options->deadline_ms = number(program, value); break;
     case 'A': options->liveliness_ms = number(program, value); break;
+    case 'G': options->strength = (int32_t)number(program, value); break;
     default: usage(program);
     }
 }
@@ -151,6 +154,7 @@ struct peer_options peer_options_parse(int argc, char **argv)
         .settle_s = 0.3,
         .timeout_s = 30,
         .multicast = true,
+        .strength = -1,
     };
     bool subscriber = false;
     int option;

@@ -36,6 +36,7 @@ struct peer_options {
     const char *interface; /* name (Cyclone) or address (Fast DDS), NULL: the vendor's choice */
     uint64_t deadline_ms;  /* 0: no deadline */
     uint64_t liveliness_ms; /* lease of AUTOMATIC liveliness, 0: infinite */
+    int32_t strength;      /* of EXCLUSIVE ownership, -1: SHARED */
 };
 
 /* Reads the command line; prints the usage and exits with 2 when it cannot. */

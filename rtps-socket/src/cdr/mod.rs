@@ -51,6 +51,7 @@ pub use fields::member_type;
 pub use inheritance::{MemberIds, Struct};
 pub use key::{KeySize, key_hash};
 pub use members::{Bounded, Member, MemberInfo, check_bound, is_beyond, trim};
+pub(crate) use payload::bare_key_of;
 pub use payload::{
     Encapsulation, Representation, from_key_payload, from_payload, key_payload, to_payload,
 };

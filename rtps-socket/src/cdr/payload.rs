@@ -1,5 +1,7 @@
 //! Serialized payloads: the encapsulation header of RTPS 2.5 section 10.2 and what follows it.
 
+use rtps_user::writer::BareKey;
+
 use super::{ByteOrder, DdsType, DecodeError, Decoder, EncodeError, Encoder, Extensibility, Scope};
 
 /// Representation identifier and options.
@@ -149,6 +151,20 @@ pub fn key_payload<T: DdsType>(
         out.resize(out.len().max(start + SHORTEST_KEY_PAYLOAD), 0);
     }
     Ok(())
+}
+
+/// How serialized keys of `T` are sent to Cyclone DDS 0.10, which knows no DHEADERs in them; `None` where they have none.
+pub(crate) fn bare_key_of<T: DdsType>(representation: Representation) -> Option<BareKey> {
+    let has_headers = representation == Representation::Xcdr2;
+    (T::HAS_KEY && has_headers).then_some(bare_key::<T>)
+}
+
+fn bare_key<T: DdsType>(payload: &[u8]) -> Option<Vec<u8>> {
+    let key: T = read_payload(payload, Scope::Key).ok()?;
+    let mut out = Vec::new();
+    let (representation, byte_order) = (Representation::Xcdr2, ByteOrder::Little);
+    append_payload(&key, representation, byte_order, Scope::KeyHash, &mut out).ok()?;
+    Some(out)
 }
 
 /// Reads a serialized payload of any representation and byte order.

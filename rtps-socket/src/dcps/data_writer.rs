@@ -13,7 +13,7 @@ use super::EndpointBuiltinTopicData;
 use super::access::instance_of_payload;
 use super::instance_of;
 use super::keys::Keys;
-use crate::cdr::{DdsType, EncodeError, Representation, key_payload, to_payload};
+use crate::cdr::{DdsType, EncodeError, Representation, bare_key_of, key_payload, to_payload};
 use crate::error::{CreateError, SetQosError, WaitError, WriteError};
 use crate::filter::announced_filter;
 use crate::qos::{Qos, policies};
@@ -45,6 +45,7 @@ impl<T: DdsType> DataWriter<T> {
         };
         template.describe::<T>();
         template.make_filter = Some(announced_filter::<T>);
+        template.bare_key = bare_key_of::<T>(representation);
         Ok(Self {
             writer: socket.create_writer_of(template, T::HAS_KEY)?,
             representation,

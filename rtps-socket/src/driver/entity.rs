@@ -9,6 +9,7 @@ use rtps_user::filter::PayloadFilter;
 use rtps_user::layer::protocol::Endpoint;
 use rtps_user::qos::{ContentFilter, Qos};
 use rtps_user::wire::Guid;
+use rtps_user::writer::BareKey;
 
 use super::audience::{Audience, EntityListener, GroupId, Listener, Masked};
 use super::topics::TopicListener;
@@ -34,6 +35,8 @@ pub(crate) struct Declaration {
     pub(crate) is_enabled: bool,
     /// How a writer understands what remote readers want; without it they are sent everything.
     pub(crate) make_filter: Option<MakeFilter>,
+    /// What a writer's keys become for readers that take no DHEADERs in them, where they have some.
+    pub(crate) bare_key: Option<BareKey>,
 }
 
 /// The policies of a publisher or subscriber that hold for an endpoint, because it says nothing of them itself.
@@ -310,6 +313,7 @@ mod tests {
             inherits: Inherits::default(),
             is_enabled: true,
             make_filter: None,
+            bare_key: None,
         };
         Entity::new(guid, declaration)
     }
@@ -327,6 +331,7 @@ mod tests {
             addresses: Vec::new(),
             multicast: Vec::new(),
             expects_inline_qos: false,
+            takes_bare_keys: false,
             qos: Qos::default(),
             topic: "Square".to_owned(),
             type_name: "ShapeType".to_owned(),

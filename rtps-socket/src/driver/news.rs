@@ -18,7 +18,7 @@ impl Core {
         match message {
             FromLayer::Matched { local, remote } if !self.is_match_ignored(local, remote.guid) => {
                 self.endpoints.match_remote(now, local, &remote);
-                self.apply_filter(local, &remote);
+                self.suit_reader(local, &remote);
                 self.on_entity(local, |entity, audience| entity.add_match(remote, audience));
             }
             FromLayer::Unmatched { local, remote } => self.end_match(now, local, remote),
@@ -64,15 +64,21 @@ impl Core {
         });
     }
 
-    /// Has a writer not send what a reader does not want, as far as that is understood.
-    fn apply_filter(&mut self, local: EntityId, remote: &RemoteEndpoint) {
+    /// Has a writer send a reader what it wants, as far as that is understood, in a form that it reads.
+    fn suit_reader(&mut self, local: EntityId, remote: &RemoteEndpoint) {
         let entity = self.entities.get(&local);
-        let Some(make_filter) = entity.and_then(|entity| entity.declaration.make_filter) else {
+        let writer = self.endpoints.writer_mut(local);
+        let (Some(entity), Some(writer)) = (entity, writer) else {
             return;
         };
-        let filter = remote.content_filter.as_ref().and_then(make_filter);
-        if let Some(writer) = self.endpoints.writer_mut(local) {
+        if let Some(make_filter) = entity.declaration.make_filter {
+            let filter = remote.content_filter.as_ref().and_then(make_filter);
             writer.set_reader_filter(remote.guid, filter);
+        }
+        if let Some(bare_key) = entity.declaration.bare_key
+            && remote.takes_bare_keys
+        {
+            writer.set_reader_bare_key(remote.guid, bare_key);
         }
     }
 

@@ -137,6 +137,7 @@ fn declaration(entity: EntityId) -> Declaration {
         inherits: Inherits::default(),
         is_enabled: true,
         make_filter: None,
+        bare_key: None,
     }
 }
 fn events(driver: &Driver, id: EntityId) -> Vec<StatusEvent> {
@@ -198,6 +199,7 @@ fn remote_writer() -> RemoteEndpoint {
         multicast: Vec::new(),
         addresses: Vec::new(),
         expects_inline_qos: false,
+        takes_bare_keys: false,
         qos: Qos::default(),
         topic: "Square".to_owned(),
         type_name: "Shape".to_owned(),

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use rtps_user::layer::protocol::{Endpoint, MAX_PROTOCOL_MESSAGE, ToLayer};
 use rtps_user::qos::{ContentFilter, DataRepresentation};
 use rtps_user::wire::{EntityId, EntityKind};
+use rtps_user::writer::BareKey;
 use rtps_user::xtypes::TypeSupport;
 
 use super::Group;
@@ -31,6 +32,8 @@ pub(crate) struct Template {
     pub(crate) payload_filter: Option<PayloadFilter>,
     /// How a writer understands what remote readers want.
     pub(crate) make_filter: Option<MakeFilter>,
+    /// What a writer's keys become for readers that take no DHEADERs in them, where they have some.
+    pub(crate) bare_key: Option<BareKey>,
     pub(crate) qos: policies::Qos,
     /// The publisher or subscriber, if that is not its own.
     pub(crate) group: Option<Arc<Group>>,
@@ -49,6 +52,7 @@ impl Template {
             content_filter: None,
             payload_filter: None,
             make_filter: None,
+            bare_key: None,
             qos,
             group: None,
             inherits: Inherits::default(),
@@ -88,6 +92,7 @@ impl Template {
             inherits: self.inherits,
             is_enabled: self.is_enabled,
             make_filter: self.make_filter,
+            bare_key: self.bare_key,
         }
     }
 

@@ -208,6 +208,7 @@ fn remote(participant: &RemoteParticipant, entity: EntityId) -> RemoteEndpoint {
         addresses: participant.addresses().to_vec(),
         multicast: Vec::new(),
         expects_inline_qos: false,
+        takes_bare_keys: false,
         qos,
         topic: String::new(),
         type_name: String::new(),

@@ -313,6 +313,7 @@ mod tests {
             addresses: Vec::new(),
             multicast: Vec::new(),
             expects_inline_qos: false,
+            takes_bare_keys: false,
             qos: Qos::default(),
             topic: "Square".to_owned(),
             type_name: "ShapeType".to_owned(),

@@ -28,6 +28,8 @@ pub(super) const ENDPOINT_GUID: ParameterId = ParameterId(0x005a);
 pub(super) const ENTITY_NAME: ParameterId = ParameterId(0x0062);
 pub(super) const TYPE_INFORMATION: ParameterId = ParameterId(0x0075);
 pub(super) const BUILTIN_ENDPOINT_QOS: ParameterId = ParameterId(0x0077);
+/// Of Cyclone DDS: numbers, and `host/version/system/target`.
+pub(super) const VERSION_INFO: ParameterId = ParameterId(0x8007);
 
 /// The most locators of one kind that are remembered: one is enough, and hosts with more interfaces are rare.
 const MAX_LOCATORS: usize = 16;

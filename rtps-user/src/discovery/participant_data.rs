@@ -7,13 +7,13 @@ use serde::{Deserialize, Serialize};
 use super::parameters::{
     BUILTIN_ENDPOINT_QOS, BUILTIN_ENDPOINT_SET, DEFAULT_UNICAST_LOCATOR, DOMAIN_ID, DOMAIN_TAG,
     ENTITY_NAME, EXPECTS_INLINE_QOS, METATRAFFIC_MULTICAST_LOCATOR, METATRAFFIC_UNICAST_LOCATOR,
-    PARTICIPANT_GUID, PARTICIPANT_LEASE_DURATION, PROTOCOL_VERSION_ID, VENDOR_ID, read_bool,
-    read_locator, write_locators, write_string_parameter, write_version,
+    PARTICIPANT_GUID, PARTICIPANT_LEASE_DURATION, PROTOCOL_VERSION_ID, VENDOR_ID, VERSION_INFO,
+    read_bool, read_locator, write_locators, write_string_parameter, write_version,
 };
 use crate::qos::parameters::{USER_DATA, read_octets, write_octets};
 use crate::wire::{
-    Cursor, Duration, EntityId, Guid, GuidPrefix, PROTOCOL_VERSION, Parameter, ParameterId,
-    ParameterList, ParameterWriter, ProtocolVersion, VendorId, WireError,
+    Cursor, Duration, EntityId, Guid, GuidPrefix, Parameter, ParameterId, ParameterList,
+    ParameterWriter, VendorId, WireError,
 };
 
 /// Which built-in endpoints a participant has: BuiltinEndpointSet_t (RTPS table 9.6).
@@ -71,10 +71,10 @@ impl BuiltinEndpointSet {
 pub struct ParticipantData {
     /// The first part of the GUIDs of all its entities.
     pub prefix: GuidPrefix,
-    /// The protocol that it speaks.
-    pub version: ProtocolVersion,
     /// Whose implementation it is.
     pub vendor: VendorId,
+    /// The first number of its version, where Cyclone DDS says it.
+    pub major_version: Option<u32>,
     /// Its domain, where it says one.
     pub domain: Option<u32>,
     /// Participants with different tags ignore each other.
@@ -113,8 +113,8 @@ impl ParticipantData {
     pub fn new(prefix: GuidPrefix) -> Self {
         Self {
             prefix,
-            version: PROTOCOL_VERSION,
             vendor: VendorId::UNKNOWN,
+            major_version: None,
             domain: None,
             domain_tag: String::new(),
             name: String::new(),
@@ -127,11 +127,6 @@ impl ParticipantData {
             expects_inline_qos: false,
             lease: Self::DEFAULT_LEASE,
         }
-    }
-
-    /// Whether it may be Cyclone DDS 0.10, which has no choice but to say that it speaks RTPS 2.1; 11 speaks 2.5.
-    pub fn is_cyclone_0_10(&self) -> bool {
-        self.vendor == VendorId::CYCLONE_DDS && self.version < PROTOCOL_VERSION
     }
 
     /// Reads a serialized payload. Unknown parameters are skipped, unless they must be understood.
@@ -149,12 +144,9 @@ impl ParticipantData {
 
     fn read(&mut self, id: ParameterId, value: &mut Cursor<'_>) -> Result<bool, WireError> {
         match id {
-            PARTICIPANT_GUID => {}
-            PROTOCOL_VERSION_ID => {
-                let [major, minor] = value.array()?;
-                self.version = ProtocolVersion { major, minor };
-            }
+            PARTICIPANT_GUID | PROTOCOL_VERSION_ID => {}
             VENDOR_ID => self.vendor = VendorId(value.array()?),
+            VERSION_INFO => self.major_version = major_version(value),
             DOMAIN_ID => self.domain = Some(value.u32()?),
             DOMAIN_TAG => self.domain_tag = value.string()?.to_owned(),
             ENTITY_NAME => self.name = value.string()?.to_owned(),
@@ -172,6 +164,12 @@ impl ParticipantData {
             _ => return Ok(false),
         }
         Ok(true)
+    }
+
+    /// Whether it is Cyclone DDS before 11, which followed 0.10.
+    pub fn is_cyclone_0(&self) -> bool {
+        let is_old = self.major_version.is_none_or(|major| major == 0);
+        self.vendor == VendorId::CYCLONE_DDS && is_old
     }
 
     /// Whether both say the same but for the order of locators: a host on several networks names those first that
@@ -240,9 +238,20 @@ pub(super) fn encode_participant_key(prefix: GuidPrefix, out: &mut Vec<u8>) {
     list.finish();
 }
 
+/// What VERSION_INFO says; other vendors may mean something else by it.
+fn major_version(value: &mut Cursor<'_>) -> Option<u32> {
+    const NUMBERS: usize = 5;
+    for _ in 0..NUMBERS {
+        value.u32().ok()?;
+    }
+    let version = value.string().ok()?.split('/').nth(1)?;
+    version.split('.').next()?.parse().ok()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::qos::parameters::write_string;
     use proptest::collection::vec;
     use proptest::prelude::*;
 
@@ -315,22 +324,6 @@ mod tests {
         }
     }
 
-    /// As they begin their announcements: 0.10.2 of Debian and 11.0.1 of PyPI.
-    #[test]
-    fn versions_of_cyclone_are_told_apart() {
-        for (minor, expected) in [(1, true), (5, false)] {
-            let mut bytes = vec![
-                0, 3, 0, 0, 0x15, 0, 4, 0, 2, minor, 0, 0, 0x16, 0, 4, 0, 1, 16, 0, 0,
-            ];
-            bytes.extend_from_slice(&[0x50, 0, 16, 0]);
-            bytes.extend_from_slice(&[7; 12]);
-            bytes.extend_from_slice(&[0, 0, 1, 0xc1, 1, 0, 0, 0]);
-            let data = ParticipantData::decode(&bytes).unwrap();
-            assert_eq!(data.is_cyclone_0_10(), expected);
-        }
-        assert!(!ParticipantData::new(GuidPrefix([1; 12])).is_cyclone_0_10());
-    }
-
     #[test]
     fn unknown_parameters() {
         let with = |id| {
@@ -345,6 +338,26 @@ mod tests {
         assert!(with(0x8666), "of a vendor: skipped");
         assert!(with(0xc666), "of a vendor: skipped");
         assert!(!with(0x4666), "must be understood");
+    }
+
+    #[test]
+    fn cyclone_says_how_old_it_is() {
+        let is_old = |vendor: VendorId, info: &str| {
+            let mut bytes = encoded(&ParticipantData::new(GuidPrefix([1; 12])));
+            bytes.truncate(bytes.len() - 4);
+            let mut list = ParameterWriter::new(&mut bytes);
+            list.parameter(VENDOR_ID, |out| out.extend_from_slice(&vendor.0));
+            list.parameter(VERSION_INFO, |out| {
+                out.extend_from_slice(&[0; 20]);
+                write_string(info, out);
+            });
+            list.finish();
+            ParticipantData::decode(&bytes).unwrap().is_cyclone_0()
+        };
+        assert!(is_old(VendorId::CYCLONE_DDS, "host/0.10.2/Linux/Linux"));
+        assert!(!is_old(VendorId::CYCLONE_DDS, "host/11.0.1/Linux/Linux"));
+        assert!(is_old(VendorId::CYCLONE_DDS, "who knows"));
+        assert!(!is_old(VendorId::UNKNOWN, "host/0.10.2/Linux/Linux"));
     }
 
     #[test]

@@ -187,6 +187,7 @@ impl RemoteParticipant {
             addresses,
             multicast: data.multicast.clone(),
             expects_inline_qos: data.expects_inline_qos || self.data.expects_inline_qos,
+            takes_bare_keys: self.data.is_cyclone_0(),
             qos: data.qos.clone(),
             topic: data.topic.clone(),
             type_name: data.type_name.clone(),

@@ -30,6 +30,7 @@ fn remote(guid: Guid) -> RemoteEndpoint {
         addresses: Vec::new(),
         multicast: Vec::new(),
         expects_inline_qos: false,
+        takes_bare_keys: false,
         qos: qos(),
         topic: String::new(),
         type_name: String::new(),

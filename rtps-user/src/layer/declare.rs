@@ -167,6 +167,7 @@ impl Layer {
             addresses: Vec::new(),
             multicast: Vec::new(),
             expects_inline_qos: false,
+            takes_bare_keys: false,
             qos: endpoint.qos.clone(),
             topic: endpoint.topic.clone(),
             type_name: endpoint.type_name.clone(),

@@ -31,7 +31,7 @@ impl Layer {
                     manual,
                 } => self.tell_liveliness(participant, manual),
                 DiscoveryEvent::TypesRequested(request) => {
-                    let reply = request.answer(self.matchmaker.types(), self.has_cyclone_0_10());
+                    let reply = request.answer(self.matchmaker.types(), self.has_cyclone_0());
                     self.discovery.reply_to_lookup(reply);
                 }
                 DiscoveryEvent::TypesFound(objects) => {
@@ -70,10 +70,10 @@ impl Layer {
         }
     }
 
-    /// Whether a participant is there that some TypeObjects would crash.
-    fn has_cyclone_0_10(&self) -> bool {
+    /// Whether a participant of Cyclone DDS 0.10 is there.
+    fn has_cyclone_0(&self) -> bool {
         let mut participants = self.discovery.participants();
-        participants.any(|remote| remote.data.is_cyclone_0_10())
+        participants.any(|remote| remote.data.is_cyclone_0())
     }
 
     /// Tells the low-level layer and the apps what has changed.

@@ -194,12 +194,18 @@ impl Arrival<'_> {
             ..Extras::default()
         };
         if terms.presents {
-            extras.coherent_set = self.inline_qos.coherent_set;
+            let named = self.inline_qos.coherent_set;
+            extras.coherent_set = named.filter(|_| !self.says_nothing());
             extras.group_sequence = self.inline_qos.group_sequence;
             extras.group_set = self.inline_qos.group_coherent_set;
             extras.writers = self.inline_qos.writer_group;
         }
         (extras != Extras::default()).then(|| Box::new(extras))
+    }
+
+    /// Whether it can be nothing but the end of a coherent set, whatever set it names.
+    fn says_nothing(&self) -> bool {
+        self.kind == PayloadKind::None && self.inline_qos.status == StatusInfo::default()
     }
 
     /// LIFESPAN counts from the reception: what a writer still sends is not over there, and how far its clock is off

@@ -2,7 +2,8 @@
 //! (RTPS 2.5 section 8.7.6, DDS 1.4 section 2.2.3.6).
 //!
 //! All changes of a set name its first one. A set has ended when the next change in order, of whatever kind, does not name
-//! it: most writers send one without payload at once for that. Until then its changes wait here, in a place between
+//! it: most writers send one without payload at once for that. What that names differs between vendors (nothing, no set,
+//! or the set that it ends); it can be nothing but an end. Until then its changes wait here, in a place between
 //! the WriterProxy, which brings them in order, and the cache. Numbers that a GAP calls irrelevant, or that the
 //! content filter is not interested in, are no loss to a set. A set that lacks a change is dropped, and counts as lost.
 //!

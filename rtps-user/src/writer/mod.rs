@@ -38,6 +38,7 @@ use std::time::Instant;
 
 pub use config::{Refused, WriteError, WriterConfig, WriterEvent, WriterTiming};
 pub use group::Group;
+pub use interest::BareKey;
 pub use packet::FRAGMENT_OVERHEAD;
 pub use publication::Publication;
 

@@ -6,10 +6,10 @@ use crate::history::{CacheChange, Membership};
 use crate::qos::{PresentationScope, Qos};
 use crate::wire::{
     Data, DataFragment, EntityId, Gap, Guid, HEADER_LEN, Heartbeat, HeartbeatFrag, InlineQos,
-    MessageWriter, SequenceNumber, SequenceNumberSet, Timestamp,
+    MessageWriter, PayloadKind, SequenceNumber, SequenceNumberSet, Timestamp,
 };
 
-use super::Position;
+use super::{BareKey, Position};
 
 const INFO_DST_LEN: usize = 16;
 const INFO_TS_LEN: usize = 12;
@@ -176,6 +176,8 @@ pub(super) struct Packet<'a> {
     message: MessageWriter<'a>,
     layout: &'a Layout,
     reader: EntityId,
+    /// What keys become; a key so long that it is fragmented stays as it is.
+    bare_key: Option<BareKey>,
     timestamp: Option<Timestamp>,
     prologue: usize,
 }
@@ -190,6 +192,7 @@ impl<'a> Packet<'a> {
             message,
             layout,
             reader: EntityId::UNKNOWN,
+            bare_key: None,
             timestamp: None,
         }
     }
@@ -204,8 +207,14 @@ impl<'a> Packet<'a> {
             message,
             layout,
             reader: reader.entity,
+            bare_key: None,
             timestamp: None,
         }
+    }
+
+    /// Keys are sent as `bare_key` makes them.
+    pub(super) fn with_bare_key(self, bare_key: Option<BareKey>) -> Self {
+        Self { bare_key, ..self }
     }
 
     /// Whether nothing has been appended.
@@ -329,8 +338,18 @@ impl<'a> Packet<'a> {
             return false;
         }
         self.timestamp(change.timestamp);
-        self.message
-            .data(&self.layout.data(self.reader, sequence, change));
+        let bare_key = self.bare_key.and_then(|make| match change.payload_kind() {
+            PayloadKind::Key => make(&change.payload),
+            PayloadKind::Data | PayloadKind::None => None,
+        });
+        let mut data = self.layout.data(self.reader, sequence, change);
+        if let Some(key) = bare_key
+            .as_deref()
+            .filter(|key| key.len() <= data.payload.len())
+        {
+            data.payload = key;
+        }
+        self.message.data(&data);
         true
     }
 

@@ -132,6 +132,7 @@ mod tests {
             addresses: Vec::new(),
             multicast: Vec::new(),
             expects_inline_qos: false,
+            takes_bare_keys: false,
             qos: qos(),
             topic: String::new(),
             type_name: String::new(),

@@ -1,4 +1,4 @@
-//! Changes that some readers want and others don't.
+//! Changes that some readers want and others don't, or want in another form.
 //!
 //! The stream to all readers stops before such a change. It is put into the outboxes of those that want it, which are
 //! emptied before the stream goes on, and reliable readers that don't want it get a GAP. While every reader wants everything,
@@ -6,8 +6,8 @@
 
 use std::time::Instant;
 
-use super::Writer;
 use super::heartbeat::Sent;
+use super::{BareKey, Writer};
 use crate::Transmit;
 use crate::filter::PayloadFilter;
 use crate::wire::{Guid, SequenceNumber};
@@ -41,6 +41,14 @@ impl Writer {
     pub fn set_reader_filter(&mut self, reader: Guid, filter: Option<PayloadFilter>) {
         if let Some(proxy) = self.readers.get_mut(&reader) {
             proxy.interest.set_filter(filter);
+            self.refresh_selection();
+        }
+    }
+
+    /// A matched reader is sent keys as `bare_key` makes them.
+    pub fn set_reader_bare_key(&mut self, reader: Guid, bare_key: BareKey) {
+        if let Some(proxy) = self.readers.get_mut(&reader) {
+            proxy.interest.set_bare_key(bare_key);
             self.refresh_selection();
         }
     }
@@ -98,7 +106,7 @@ impl Writer {
         self.count_sent(now, sent, false);
     }
 
-    /// The next change of the stream, where some readers do not want it.
+    /// The next change of the stream, where some readers do not want it as it is.
     fn next_selected(&mut self) -> Option<SequenceNumber> {
         if self.live.is_in_change() {
             return None;
@@ -109,7 +117,7 @@ impl Writer {
             return None;
         }
         let mut readers = self.readers.values();
-        if readers.all(|proxy| proxy.interest.wants(change)) {
+        if readers.all(|proxy| proxy.interest.wants_unchanged(change)) {
             self.selection.wanted_until = sequence.next();
             return None;
         }

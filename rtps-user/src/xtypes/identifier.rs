@@ -106,7 +106,7 @@ impl TypeKind {
     const LAST: u8 = 0x11;
 
     /// XTypes 1.3 added kinds to those of 1.2.
-    const fn is_known_to_cyclone_0_10(self) -> bool {
+    const fn is_known_to_cyclone_0(self) -> bool {
         matches!(self.0, 0x01..=0x0b | 0x10 | 0x11)
     }
 }
@@ -206,15 +206,15 @@ impl TypeIdentifier {
     }
 
     /// Whether Cyclone DDS 0.10 can take it: of others in a TypeObject it makes null pointers, which it follows.
-    pub(super) fn is_known_to_cyclone_0_10(&self) -> bool {
+    pub(super) fn is_known_to_cyclone_0(&self) -> bool {
         match self {
-            Self::Primitive(kind) => kind.is_known_to_cyclone_0_10(),
+            Self::Primitive(kind) => kind.is_known_to_cyclone_0(),
             Self::String { wide, .. } => !wide,
             Self::Sequence { element, .. } | Self::Array { element, .. } => {
-                element.is_known_to_cyclone_0_10()
+                element.is_known_to_cyclone_0()
             }
             Self::Map { key, element, .. } => {
-                key.is_known_to_cyclone_0_10() && element.is_known_to_cyclone_0_10()
+                key.is_known_to_cyclone_0() && element.is_known_to_cyclone_0()
             }
             Self::Hash(_) => true,
             Self::Component { .. } => false,

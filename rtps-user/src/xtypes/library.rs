@@ -73,13 +73,13 @@ impl TypeLibrary {
     }
 
     /// Whether Cyclone DDS 0.10 survives this TypeObject; no where that cannot be told.
-    pub(super) fn is_known_to_cyclone_0_10(&self, hash: TypeHash) -> bool {
+    pub(super) fn is_known_to_cyclone_0(&self, hash: TypeHash) -> bool {
         let minimal = match hash.equivalence {
             Equivalence::Minimal => Some(hash),
             Equivalence::Complete => self.minimal_of(hash),
         };
         let object = minimal.and_then(|minimal| self.minimal_type(minimal));
-        object.is_some_and(|object| object.is_known_to_cyclone_0_10())
+        object.is_some_and(|object| object.is_known_to_cyclone_0())
     }
 
     /// The minimal hash of the type with this complete one.

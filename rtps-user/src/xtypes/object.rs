@@ -99,8 +99,8 @@ impl MinimalType {
 
 impl MinimalType {
     /// Whether Cyclone DDS 0.10 survives it.
-    pub(super) fn is_known_to_cyclone_0_10(&self) -> bool {
-        let known = TypeIdentifier::is_known_to_cyclone_0_10;
+    pub(super) fn is_known_to_cyclone_0(&self) -> bool {
+        let known = TypeIdentifier::is_known_to_cyclone_0;
         let all = |members: &[Member]| members.iter().all(|member| known(&member.type_id));
         match self {
             Self::Struct(of) => {

@@ -344,7 +344,7 @@ fn members_of_other_types_and_keys_do_not_fit() {
 
 /// What would crash Cyclone DDS 0.10 is told to nobody while it may listen.
 #[test]
-fn not_all_types_are_for_cyclone_0_10() {
+fn not_all_types_are_for_cyclone_0() {
     let told = |member_type: TypePair, has_cyclone| {
         let support = structure(Extensibility::Final, vec![member(0, "m", member_type)]);
         let information = TypeInformation::decode(&support.information).unwrap();

@@ -417,6 +417,7 @@ impl Network {
             addresses: Vec::new(),
             multicast: Vec::new(),
             expects_inline_qos: false,
+            takes_bare_keys: false,
             qos,
             topic: "Square".into(),
             type_name: "ShapeType".into(),

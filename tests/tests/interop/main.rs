@@ -19,4 +19,5 @@ mod perf;
 mod reliable;
 mod stage;
 mod static_peers;
+mod type_lookup;
 mod wire;

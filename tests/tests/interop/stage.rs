@@ -100,6 +100,11 @@ impl<'a> Host<'a> {
         stage::spawn_app(&self.host.netns, self.layer, "shapes", arguments)
     }
 
+    /// Starts the example of a publisher, whose type is described, as [`Host::app`].
+    pub(crate) fn greeter(&self) -> Result<Process> {
+        stage::spawn_app(&self.host.netns, self.layer, "hello_publisher", "")
+    }
+
     /// Starts `rtps perf`, which prints JSON, as [`Host::app`].
     pub(crate) fn perf(&self, arguments: &str) -> Result<Process> {
         let arguments = format!("perf {arguments} --json");

@@ -15,6 +15,7 @@ mod matching;
 mod ownership;
 mod payload;
 mod presentation;
+mod rivals;
 mod robustness;
 mod stage;
 mod vendors;

@@ -18,7 +18,7 @@ on_the_in_process_layer! {
 }
 
 /// Waits for more samples of a size than there are.
-fn wait_more(subscriber: &Process, size: u32, more: usize) -> Result<()> {
+pub(crate) fn wait_more(subscriber: &Process, size: u32, more: usize) -> Result<()> {
     let count =
         |samples: &[lines::Sample]| samples.iter().filter(|sample| sample.size == size).count();
     let wanted = count(&lines::samples(subscriber)) + more;

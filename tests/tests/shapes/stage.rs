@@ -28,6 +28,12 @@ impl Stage {
         Ok(Self { hosts })
     }
 
+    /// For programs that cannot do with it.
+    pub(crate) fn disable_ipv6(&self) -> Result<()> {
+        let mut hosts = self.hosts.iter();
+        hosts.try_for_each(|host| host.netns.disable_ipv6())
+    }
+
     /// Starts the layer of both hosts.
     pub(crate) fn with(&self, layer: Layer) -> Result<Ends<'_>> {
         let [near, far] = &self.hosts;

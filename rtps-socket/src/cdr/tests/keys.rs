@@ -2,7 +2,10 @@
 
 use super::{Mutable, REPRESENTATIONS, ShapeType, hex, square};
 use crate::DdsType;
-use crate::cdr::{DdsType, DecodeError, Representation, from_key_payload, key_hash, key_payload};
+use crate::cdr::{
+    DdsType, DecodeError, Representation, bare_key_of, from_key_payload, key_hash, key_payload,
+};
+use rtps_user::writer::BareKey;
 
 fn hash<T: DdsType>(value: &T, representation: Representation) -> [u8; 16] {
     key_hash(value, representation, &mut Vec::new()).unwrap()
@@ -125,6 +128,27 @@ fn a_dispose_of_cyclone_is_read() {
         assert_eq!(read.serial, serial.into());
         assert_eq!((read.position.row, read.position.column), (3, 4));
     }
+}
+
+/// The other way round, and without DHEADERs of what is nested.
+#[test]
+fn cyclone_is_sent_keys_as_it_sends_them() {
+    let bare = |payload: &[u8], make: Option<BareKey>| make.unwrap()(payload).unwrap();
+    let make = bare_key_of::<ShapeType>(Representation::Xcdr2);
+    let blue = ShapeType {
+        color: "BLUE".to_owned(),
+        ..square()
+    };
+    let key_of_blue = key(&blue, Representation::Xcdr2);
+    let expected = hex("00090003 05000000 424c5545 00000000");
+    assert_eq!(bare(&key_of_blue, make), expected);
+    let make = bare_key_of::<Located>(Representation::Xcdr2);
+    let key_of_located = key(&located(), Representation::Xcdr2);
+    let expected = hex("00090001 0100000000000000 04000300");
+    assert_eq!(bare(&key_of_located, make), expected);
+    assert_eq!(make.unwrap()(&key_of_located[..8]), None);
+    assert!(bare_key_of::<ShapeType>(Representation::Xcdr1).is_none());
+    assert!(bare_key_of::<Keyless>(Representation::Xcdr2).is_none());
 }
 
 #[test]

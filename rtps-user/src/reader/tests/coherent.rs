@@ -92,6 +92,47 @@ fn what_is_not_of_the_set_ends_it() {
     assert_eq!(bench.taken(), [4, 5]);
 }
 
+/// The standard's examples, and what HDDS sends.
+#[test]
+fn a_change_of_nothing_ends_a_set_whatever_it_names() {
+    let named = |set| InlineQos {
+        coherent_set: Some(SequenceNumber(set)),
+        ..InlineQos::default()
+    };
+    for end in [InlineQos::default(), END, named(0), named(1), named(2)] {
+        let mut bench = bench(topic());
+        bench.member(1, 1);
+        bench.submit(2, end, PayloadKind::None, &[]);
+        assert_eq!(bench.taken(), [1], "{end:?}");
+        bench.member(3, 3);
+        bench.member(4, 4);
+        assert_eq!(bench.taken(), [3], "{end:?}");
+    }
+}
+
+#[test]
+fn what_another_filter_has_left_out_does_not_end_a_set() {
+    let mut bench = bench(topic());
+    bench.member(1, 1);
+    let mut filtered = in_set(1);
+    filtered.status.filtered = true;
+    bench.submit(2, filtered, PayloadKind::None, &[]);
+    assert!(bench.taken().is_empty());
+    bench.end(3);
+    assert_eq!(bench.taken(), [1]);
+}
+
+/// Some do not keep the end for those that lost it.
+#[test]
+fn an_end_that_is_not_repeated_is_told_by_the_next_sample() {
+    let mut bench = bench(topic());
+    bench.member(1, 1);
+    bench.gap(2, 3, &[]);
+    assert!(bench.taken().is_empty(), "it may have been of the set");
+    bench.data(3);
+    assert_eq!(bench.taken(), [1, 3]);
+}
+
 #[test]
 fn its_end_counts_in_its_turn() {
     let mut bench = bench(topic());

@@ -73,6 +73,7 @@ fn remote(guid: Guid, qos: Qos) -> RemoteEndpoint {
         addresses: Vec::new(),
         multicast: Vec::new(),
         expects_inline_qos: false,
+        takes_bare_keys: false,
         qos,
         topic: "Square".into(),
         type_name: "ShapeType".into(),

@@ -78,6 +78,7 @@ impl Bench {
             addresses: Vec::new(),
             multicast: Vec::new(),
             expects_inline_qos: false,
+            takes_bare_keys: false,
             qos,
             topic: String::new(),
             type_name: String::new(),

@@ -193,3 +193,57 @@ fn hundreds_of_unwanted_changes_are_few_gaps() {
         }
     }
 }
+
+/// Reader 2 takes the last two bytes of each key for the key.
+#[test]
+fn keys_are_sent_in_the_form_that_a_reader_knows() {
+    let mut bench = Bench::new(reliable(Durability::TransientLocal));
+    let match_readers = |bench: &mut Bench, first: u8| {
+        for number in [first, first + 1] {
+            let qos = reliable(Durability::TransientLocal);
+            bench.match_reader(number, 7410 + u16::from(number), qos);
+        }
+        let last_two: BareKey = |payload| payload.last_chunk::<2>().map(|key| key.to_vec());
+        (bench.writer).set_reader_bare_key(reader_guid(first + 1), last_two);
+    };
+    let payloads = |bench: &mut Bench| {
+        let sent = bench.sent_as(|submessage| match submessage {
+            Submessage::Data(data) => Some((data.sequence.0, data.payload.to_vec())),
+            _ => None,
+        });
+        let sent = sent.into_iter().flat_map(|(to, payloads)| {
+            let port = to[0].port();
+            let payloads = payloads.into_iter().flatten();
+            payloads.map(move |(sequence, payload)| (port, sequence, payload))
+        });
+        sent.collect::<Vec<_>>()
+    };
+    match_readers(&mut bench, 1);
+    for kind in [ChangeKind::Alive, ChangeKind::Disposed] {
+        let payload = vec![1, 2, 3, 4].into();
+        let change = NewChange {
+            kind,
+            payload,
+            ..change(0)
+        };
+        bench.writer.write(bench.now, change).unwrap();
+    }
+    let sent = payloads(&mut bench);
+    // Padded.
+    let (sample, key) = (vec![1, 2, 3, 4], vec![3, 4, 0, 0]);
+    assert_eq!(sent[0].1, 1, "{sent:?}");
+    assert_eq!(sent[0].2, sample, "a sample is no key");
+    assert_eq!(
+        sent[1..],
+        [(7411, 2, sample.clone()), (7412, 2, key.clone())]
+    );
+    // The same for those that come late.
+    match_readers(&mut bench, 3);
+    bench.lines();
+    for (reader, disposal) in [(3, sample.clone()), (4, key)] {
+        bench.acknack(reader, 1, &[1, 2]);
+        let port = 7410 + u16::from(reader);
+        let expected = [(port, 1, sample.clone()), (port, 2, disposal)];
+        assert_eq!(payloads(&mut bench), expected);
+    }
+}

@@ -15,9 +15,9 @@ use dust_dds::infrastructure::qos::{
     DataReaderQos, DataWriterQos, PublisherQos, QosKind, SubscriberQos,
 };
 use dust_dds::infrastructure::qos_policy::{
-    DurabilityQosPolicy, DurabilityQosPolicyKind, HistoryQosPolicy, HistoryQosPolicyKind,
+    DataRepresentationQosPolicy, DeadlineQosPolicy, DurabilityQosPolicy, DurabilityQosPolicyKind, HistoryQosPolicy, HistoryQosPolicyKind,
     PartitionQosPolicy, ReliabilityQosPolicy, ReliabilityQosPolicyKind,
-    WriterDataLifecycleQosPolicy,
+    WriterDataLifecycleQosPolicy, XCDR_DATA_REPRESENTATION, XCDR2_DATA_REPRESENTATION,
 };
 use dust_dds::infrastructure::sample_info::{
     ANY_INSTANCE_STATE, ANY_SAMPLE_STATE, ANY_VIEW_STATE, InstanceStateKind, Sample,
@@ -129,6 +129,23 @@ fn history(options: &Options) -> HistoryQosPolicy {
     HistoryQosPolicy { kind }
 }
 
+fn deadline(options: &Options) -> DeadlineQosPolicy {
+    let period = options.deadline_ms.map(Duration::from_millis);
+    DeadlineQosPolicy {
+        period: period.map_or(DurationKind::Infinite, |period| {
+            DurationKind::Finite(time(period))
+        }),
+    }
+}
+
+fn representation(options: &Options) -> DataRepresentationQosPolicy {
+    let id = match options.xcdr {
+        2 => XCDR2_DATA_REPRESENTATION,
+        _ => XCDR_DATA_REPRESENTATION,
+    };
+    DataRepresentationQosPolicy { value: vec![id] }
+}
+
 fn partition(options: &Options) -> PartitionQosPolicy {
     PartitionQosPolicy {
         name: options.partition.iter().cloned().collect(),
@@ -182,6 +199,8 @@ impl DataReaderListener<ShapeType> for Listener {
 fn policy_name(policy: i32) -> &'static str {
     match policy {
         2 => "DURABILITY",
+        4 => "DEADLINE",
+        6 => "OWNERSHIP",
         11 => "RELIABILITY",
         _ => "UNKNOWN",
     }
@@ -207,6 +226,8 @@ impl Writer {
             reliability: reliability(options),
             durability: durability(options),
             history: history(options),
+            deadline: deadline(options),
+            representation: representation(options),
             writer_data_lifecycle: WriterDataLifecycleQosPolicy {
                 autodispose_unregistered_instances: false,
             },
@@ -282,6 +303,8 @@ impl Reader {
             reliability: reliability(options),
             durability: durability(options),
             history: history(options),
+            deadline: deadline(options),
+            representation: representation(options),
             ..Default::default()
         };
         let statuses = [

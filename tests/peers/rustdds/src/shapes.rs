@@ -44,7 +44,7 @@ struct Endpoint {
 
 impl Endpoint {
     fn open(options: &Options) -> Result<Self> {
-        if options.partition.is_some() || options.unregister {
+        if options.partition.is_some() || options.unregister || options.xcdr != 1 {
             return Err("RustDDS has no such thing".into());
         }
         let mut builder = DomainParticipantBuilder::new(options.domain);
@@ -80,11 +80,15 @@ fn qos(options: &Options) -> QosPolicies {
         },
         None => History::KeepAll,
     };
-    QosPolicyBuilder::new()
+    let builder = QosPolicyBuilder::new()
         .reliability(reliability)
         .durability(durability)
-        .history(history)
-        .build()
+        .history(history);
+    let period = options.deadline_ms.map(Duration::from_millis);
+    match period {
+        Some(period) => builder.deadline(policy::Deadline(period.into())).build(),
+        None => builder.build(),
+    }
 }
 
 struct Writer {
@@ -200,6 +204,8 @@ fn policy_name(policy: QosPolicyId) -> &'static str {
     match policy {
         QosPolicyId::Reliability => "RELIABILITY",
         QosPolicyId::Durability => "DURABILITY",
+        QosPolicyId::Deadline => "DEADLINE",
+        QosPolicyId::Ownership => "OWNERSHIP",
         _ => "UNKNOWN",
     }
 }

@@ -68,6 +68,11 @@ pub struct Options {
     /// Unregister the instances at the end.
     #[arg(long)]
     pub unregister: bool,
+    /// Data representation, 1 or 2.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..=2))]
+    pub xcdr: u8,
+    #[arg(long)]
+    pub deadline_ms: Option<u64>,
     #[arg(long)]
     pub partition: Option<String>,
     /// Matched readers that a publisher waits for.
