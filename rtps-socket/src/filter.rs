@@ -41,6 +41,7 @@ pub(crate) fn announced_filter<T: DdsType>(filter: &ContentFilter) -> Option<Pay
         .map_err(|error| error.to_string())
         .and_then(|expression| bind::<T>(expression).map_err(|error| error.to_string()));
     match bound {
+        Ok(expression) if expression.is_ambiguous() => None,
         Ok(expression) => Some(payload_filter::<T>(expression)),
         Err(error) => {
             tracing::info!(
