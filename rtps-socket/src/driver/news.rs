@@ -70,7 +70,8 @@ impl Core {
         let Some(make_filter) = entity.and_then(|entity| entity.declaration.make_filter) else {
             return;
         };
-        let filter = remote.content_filter.as_ref().and_then(make_filter);
+        let announced = remote.content_filter.as_ref();
+        let filter = announced.and_then(|filter| Some((make_filter(filter)?, filter.signature())));
         if let Some(writer) = self.endpoints.writer_mut(local) {
             writer.set_reader_filter(remote.guid, filter);
         }

@@ -56,11 +56,13 @@ pub enum Kind {
 impl Kind {
     /// Whether members of the two kinds compare with each other: numbers do, of whatever kind, and so do texts.
     pub(super) fn compares_with(self, other: Self) -> bool {
-        let is_number =
-            |kind| matches!(kind, Self::Integer | Self::Float | Self::Float32 | Self::Enum(_));
+        let is_number = |kind| {
+            matches!(
+                kind,
+                Self::Integer | Self::Float | Self::Float32 | Self::Enum(_)
+            )
+        };
         let is_text = |kind| matches!(kind, Self::Char | Self::String);
-        self == other
-            || (is_number(self) && is_number(other))
-            || (is_text(self) && is_text(other))
+        self == other || (is_number(self) && is_number(other)) || (is_text(self) && is_text(other))
     }
 }

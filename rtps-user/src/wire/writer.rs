@@ -94,9 +94,14 @@ impl<'a> MessageWriter<'a> {
 
     /// DATA.
     pub fn data(&mut self, data: &Data<'_>) {
-        let more = self.parameters;
-        let flags = data.flags(!more.is_empty());
-        self.submessage(SubmessageKind::DATA, flags, |out| data.encode(more, out));
+        self.data_with(data, &[]);
+    }
+
+    /// DATA with parameters of its own, written already and without sentinel.
+    pub fn data_with(&mut self, data: &Data<'_>, own: &[u8]) {
+        let more = [self.parameters, own];
+        let flags = data.flags(more.iter().any(|more| !more.is_empty()));
+        self.submessage(SubmessageKind::DATA, flags, |out| data.encode(&more, out));
     }
 
     /// DATA_FRAG with one fragment; nothing where the sample has no such fragment.
@@ -130,7 +135,7 @@ impl<'a> MessageWriter<'a> {
         let more = self.parameters;
         let flags = data.flags(!more.is_empty());
         self.submessage(SubmessageKind::DATA_FRAG, flags, |out| {
-            data.encode(more, out)
+            data.encode(&[more], out)
         });
     }
 
@@ -212,6 +217,7 @@ mod tests {
                 writer_group: Some(GroupDigest([1, 2, 3, 4])),
                 lifespan: Some(Duration::INFINITE),
             },
+            filters: None,
             kind: PayloadKind::Key,
             payload: &[0, 1, 0, 0, 1, 2, 3, 4],
         }

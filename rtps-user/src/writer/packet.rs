@@ -6,7 +6,7 @@ use crate::history::{CacheChange, Membership};
 use crate::qos::{PresentationScope, Qos};
 use crate::wire::{
     Data, DataFragment, EntityId, Gap, Guid, HEADER_LEN, Heartbeat, HeartbeatFrag, InlineQos,
-    MessageWriter, SequenceNumber, SequenceNumberSet, Timestamp,
+    MessageWriter, PayloadKind, SequenceNumber, SequenceNumberSet, Timestamp,
 };
 
 use super::Position;
@@ -130,14 +130,15 @@ impl Layout {
             writer: self.writer.entity,
             sequence,
             inline_qos: self.inline_qos(change),
+            filters: None,
             kind: change.payload_kind(),
             payload: &change.payload,
         }
     }
 
-    /// Bytes of a change's DATA.
-    fn data_len(&self, change: &CacheChange) -> usize {
-        let more = self.parameters().len();
+    /// Bytes of a change's DATA, with so many of `filter_info`.
+    fn data_len(&self, change: &CacheChange, filter_info: usize) -> usize {
+        let more = self.parameters().len() + filter_info;
         let inline_qos = self.inline_qos(change).encoded_len(more);
         DATA_LEN + inline_qos + change.payload.len().next_multiple_of(4)
     }
@@ -178,6 +179,8 @@ pub(super) struct Packet<'a> {
     reader: EntityId,
     timestamp: Option<Timestamp>,
     prologue: usize,
+    /// PID_CONTENT_FILTER_INFO of the samples in here.
+    filter_info: &'a [u8],
 }
 
 impl<'a> Packet<'a> {
@@ -191,6 +194,7 @@ impl<'a> Packet<'a> {
             layout,
             reader: EntityId::UNKNOWN,
             timestamp: None,
+            filter_info: &[],
         }
     }
 
@@ -205,6 +209,15 @@ impl<'a> Packet<'a> {
             layout,
             reader: reader.entity,
             timestamp: None,
+            filter_info: &[],
+        }
+    }
+
+    /// The same, whose samples have passed the filters that `info` names.
+    pub(super) fn with_filter_info(self, info: &'a Option<Arc<[u8]>>) -> Self {
+        Self {
+            filter_info: info.as_deref().unwrap_or_default(),
+            ..self
         }
     }
 
@@ -325,13 +338,27 @@ impl<'a> Packet<'a> {
     }
 
     fn data(&mut self, sequence: SequenceNumber, change: &CacheChange) -> bool {
-        if !self.has_room(INFO_TS_LEN + self.layout.data_len(change)) {
+        if !self.has_room(INFO_TS_LEN + self.layout.data_len(change, 0)) {
             return false;
         }
+        let filter_info = self.filter_info_for(change);
         self.timestamp(change.timestamp);
-        self.message
-            .data(&self.layout.data(self.reader, sequence, change));
+        let data = self.layout.data(self.reader, sequence, change);
+        self.message.data_with(&data, filter_info);
         true
+    }
+
+    /// What a sample says of filters, where that fits as well: readers can do without. Fragments never say it, whose size it
+    /// would change.
+    fn filter_info_for(&self, change: &CacheChange) -> &'a [u8] {
+        let info = self.filter_info;
+        if info.is_empty() || change.payload_kind() != PayloadKind::Data {
+            return &[];
+        }
+        match self.has_room(INFO_TS_LEN + self.layout.data_len(change, info.len())) {
+            true => info,
+            false => &[],
+        }
     }
 
     fn timestamp(&mut self, timestamp: Timestamp) {

@@ -233,6 +233,7 @@ mod filters {
             |class, text| announced_filter::<Everything>(&filter(class, text)).is_some();
         assert!(is_understood("DDSSQL", "name = %0"));
         assert!(!is_understood("DDSSQL", "name MATCH %0"));
+        assert!(is_understood("DDSSQL+FNMATCH", "name MATCH %0"));
         assert!(!is_understood("DDSSTRINGMATCH", "name = %0"));
         assert!(!is_understood("DDSSQL", "name = %1"));
         assert!(!is_understood("DDSSQL", "colour = %0"));

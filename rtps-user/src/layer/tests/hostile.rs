@@ -26,6 +26,7 @@ fn message(source: GuidPrefix, writer: EntityId, sequence: i64, payload: &[u8]) 
         writer,
         sequence: SequenceNumber(sequence),
         inline_qos: InlineQos::default(),
+        filters: None,
         kind: PayloadKind::Data,
         payload,
     });
@@ -210,6 +211,7 @@ fn nobody_ends_a_match_of_others() {
             },
             ..InlineQos::default()
         },
+        filters: None,
         kind: PayloadKind::None,
         payload: &[],
     });

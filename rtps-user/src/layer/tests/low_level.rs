@@ -293,6 +293,7 @@ fn announcement_of(participant: GuidPrefix, address: SocketAddr) -> Vec<u8> {
         writer: EntityId::SPDP_WRITER,
         sequence: SequenceNumber(1),
         inline_qos: InlineQos::default(),
+        filters: None,
         kind: PayloadKind::Data,
         payload: &payload,
     });
@@ -500,6 +501,7 @@ fn a_number_that_the_low_level_layer_has_lost_is_told_again() {
             writer: writer.entity,
             sequence: SequenceNumber(n),
             inline_qos: InlineQos::default(),
+            filters: None,
             kind: PayloadKind::Data,
             payload: &[0, 3, 0, 0, 1, 0, 0, 0],
         });
@@ -541,6 +543,7 @@ fn who_is_found_again_is_asked_for_its_endpoints() {
             },
             ..InlineQos::default()
         },
+        filters: None,
         kind: PayloadKind::None,
         payload: &[],
     });

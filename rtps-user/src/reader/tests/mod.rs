@@ -174,6 +174,7 @@ impl Bench {
             writer: self.writer.entity,
             sequence: SequenceNumber(sequence),
             inline_qos,
+            filters: None,
             kind,
             payload,
         };

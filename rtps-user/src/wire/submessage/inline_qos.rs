@@ -4,6 +4,7 @@ use std::hash::{Hash, Hasher};
 
 use serde::{Deserialize, Serialize};
 
+use super::ContentFilterInfo;
 use crate::wire::{
     Cursor, Duration, Parameter, ParameterId, ParameterList, ParameterWriter, SequenceNumber,
     WireError,
@@ -102,11 +103,14 @@ impl InlineQos {
             + usize::from(self.lifespan.is_some()) * (HEADER + 8)
     }
 
-    /// Reads a whole list up to its sentinel and moves the cursor behind it.
-    pub(super) fn decode(cursor: &mut Cursor<'_>) -> Result<Self, WireError> {
+    /// Reads a whole list up to its sentinel and moves the cursor behind it; gives with it what it says of filters.
+    pub(super) fn decode<'a>(
+        cursor: &mut Cursor<'a>,
+    ) -> Result<(Self, Option<ContentFilterInfo<'a>>), WireError> {
         let (list, length) = ParameterList::parse(cursor.rest(), cursor.endianness())?;
         cursor.take(length)?;
         let mut qos = Self::default();
+        let mut filters = None;
         for Parameter { id, mut value } in list.iter() {
             match id {
                 ParameterId::KEY_HASH => qos.key_hash = Some(KeyHash(value.array()?)),
@@ -114,10 +118,11 @@ impl InlineQos {
                 ParameterId::STATUS_INFO => {
                     qos.status = StatusInfo::from_octet(value.array::<4>()?[3])
                 }
+                ParameterId::CONTENT_FILTER_INFO => filters = Some(ContentFilterInfo::new(value)),
                 _ => qos.decode_rare(id, &mut value)?,
             }
         }
-        Ok(qos)
+        Ok((qos, filters))
     }
 
     fn decode_rare(&mut self, id: ParameterId, value: &mut Cursor<'_>) -> Result<(), WireError> {
@@ -138,11 +143,13 @@ impl InlineQos {
 
     /// Writes the list with its sentinel, and with it parameters that have been written already; nothing where there are
     /// none.
-    pub(in crate::wire) fn encode(&self, more: &[u8], out: &mut Vec<u8>) {
-        if self.is_empty() && more.is_empty() {
+    pub(in crate::wire) fn encode(&self, more: &[&[u8]], out: &mut Vec<u8>) {
+        if self.is_empty() && more.iter().all(|more| more.is_empty()) {
             return;
         }
-        out.extend_from_slice(more);
+        for more in more {
+            out.extend_from_slice(more);
+        }
         let mut list = ParameterWriter::new(out);
         if let Some(KeyHash(hash)) = self.key_hash {
             list.parameter(ParameterId::KEY_HASH, |value| {

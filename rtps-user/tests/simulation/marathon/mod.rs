@@ -15,7 +15,7 @@ use rtps_user::filter::PayloadFilter;
 use rtps_user::history::{ChangeKind, NewChange};
 use rtps_user::qos::{Durability, History, Presentation, PresentationScope, Qos, Reliability};
 use rtps_user::reader::Sample;
-use rtps_user::wire::{EntityKind, Guid, KeyHash, PayloadKind, Timestamp};
+use rtps_user::wire::{EntityKind, FilterSignature, Guid, KeyHash, PayloadKind, Timestamp};
 use rtps_user::writer::Writer;
 
 use crate::network::{Conditions, Network};
@@ -296,7 +296,8 @@ impl Reading {
             kind != PayloadKind::Data || number.is_multiple_of(every)
         };
         let filter: PayloadFilter = Arc::new(is_wanted);
-        writer.set_reader_filter(self.guid, (every > 1).then_some(filter));
+        let signature = FilterSignature([every as u8; 16]);
+        writer.set_reader_filter(self.guid, (every > 1).then_some((filter, signature)));
     }
 
     fn note(&mut self, sample: &Sample) {
