@@ -13,7 +13,9 @@ use std::time::Duration;
 
 use rtps_user::filter::PayloadFilter;
 use rtps_user::history::{ChangeKind, NewChange};
-use rtps_user::qos::{Durability, History, Presentation, PresentationScope, Qos, Reliability};
+use rtps_user::qos::{
+    Durability, DurabilityService, History, Presentation, PresentationScope, Qos, Reliability,
+};
 use rtps_user::reader::Sample;
 use rtps_user::wire::{EntityKind, FilterSignature, Guid, KeyHash, PayloadKind, Timestamp};
 use rtps_user::writer::Writer;
@@ -177,7 +179,7 @@ impl Run {
             network.match_writer_side(writer.guid, reader.guid);
             reader.announce_filter(network.writer(writer.guid));
             if let Some(expected) = reader.expected.get_mut(&writer.guid) {
-                expected.writer_restarted(writer.written);
+                expected.excuse(writer.written);
             }
         }
     }
@@ -216,7 +218,10 @@ impl Run {
             };
             let is_complete =
                 self.qos.history == History::KeepAll && self.qos.reliability.is_reliable();
-            let expected = Expectation::new(past, is_complete, reader.every);
+            let mut expected = Expectation::new(past, is_complete, reader.every);
+            if self.qos.durability_service != DurabilityService::default() {
+                expected.excuse(writer.written);
+            }
             reader.expected.insert(writer.guid, expected);
         }
     }
@@ -358,6 +363,19 @@ fn keep_all_reaches_late_joiners() {
         200_000,
         &qos(Durability::TransientLocal, History::KeepAll, false),
     );
+}
+
+#[test]
+fn late_joiners_get_what_the_durability_service_keeps() {
+    let durability_service = DurabilityService {
+        history: History::KeepLast(2),
+        ..DurabilityService::default()
+    };
+    let transient = Qos {
+        durability_service,
+        ..qos(Durability::Transient, History::KeepAll, false)
+    };
+    marathon(8, 100_000, &transient);
 }
 
 #[test]
