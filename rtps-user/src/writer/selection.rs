@@ -41,6 +41,9 @@ pub(super) struct Selection {
     is_needed: bool,
     /// All want what is from the stream's position to below this.
     wanted_until: SequenceNumber,
+    /// The last change that the readers' filters have judged, and for each reader in order whether it wants that.
+    judged: Option<SequenceNumber>,
+    verdicts: Vec<bool>,
     /// The first change that has been put into an outbox and may be there still.
     unsent_from: Option<SequenceNumber>,
     /// Of the last change in fragments that not all wanted.
@@ -99,6 +102,7 @@ impl Writer {
         let mut readers = self.readers.values();
         self.selection.is_needed = readers.any(|proxy| !proxy.interest.is_everything(has_sets));
         self.selection.wanted_until = SequenceNumber::ZERO;
+        self.selection.judged = None;
         self.selection.filter_info = self.filter_info();
         if let Some(audience) = self.selection.audience.take() {
             let Audience {
@@ -152,8 +156,9 @@ impl Writer {
             let is_streamed = self.layout.is_fragmented(change.payload.len());
             let start = self.live.end();
             let mut audience = Vec::new();
-            for (guid, proxy) in &mut self.readers {
-                let is_wanted = proxy.interest.wants(change);
+            for ((guid, proxy), is_wanted) in self.readers.iter_mut().zip(&self.selection.verdicts)
+            {
+                let is_wanted = *is_wanted;
                 let gap = start..if is_wanted { sequence } else { sequence.next() };
                 if proxy.is_reliable() {
                     proxy.outbox.skip(gap);
@@ -195,16 +200,24 @@ impl Writer {
         if self.live.is_in_change() {
             return None;
         }
-        let Self { history, live, .. } = self;
+        let Self {
+            history,
+            live,
+            selection,
+            ..
+        } = self;
         let (sequence, change) = history.next_from(live.end())?;
-        let is_settled = sequence < self.selection.wanted_until
-            || self.selection.audience_of(sequence).is_some();
-        if is_settled {
+        if sequence < selection.wanted_until || selection.audience_of(sequence).is_some() {
             return None;
         }
-        let mut readers = self.readers.values();
-        if readers.all(|proxy| proxy.interest.wants(change)) {
-            self.selection.wanted_until = sequence.next();
+        if selection.judged.replace(sequence) != Some(sequence) {
+            let readers = self.readers.values();
+            selection.verdicts.clear();
+            let verdicts = readers.map(|proxy| proxy.interest.wants(change));
+            selection.verdicts.extend(verdicts);
+        }
+        if selection.verdicts.iter().all(|is_wanted| *is_wanted) {
+            selection.wanted_until = sequence.next();
             return None;
         }
         Some(sequence)
