@@ -120,9 +120,8 @@ impl Bench {
             Operation::Filter { reader, divisor } => {
                 let (guid, _) = reader_of(reader);
                 let filter = divisor.map(|divisor| {
-                    let passes: PayloadFilter = Arc::new(move |_, payload| {
-                        payload.len() % (usize::from(divisor) + 1) == 0
-                    });
+                    let passes: PayloadFilter =
+                        Arc::new(move |_, payload| payload.len() % (usize::from(divisor) + 1) == 0);
                     (passes, FilterSignature([divisor; 16]))
                 });
                 self.writer_mut().set_reader_filter(guid, filter);

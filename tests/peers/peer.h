@@ -36,6 +36,9 @@ struct peer_options {
     const char *interface; /* name (Cyclone) or address (Fast DDS), NULL: the vendor's choice */
     uint64_t deadline_ms;  /* 0: no deadline */
     uint64_t liveliness_ms; /* lease of AUTOMATIC liveliness, 0: infinite */
+    const char *filter;     /* a subscriber's filter expression, NULL: none (Fast DDS only) */
+    const char *parameter;  /* its %0, NULL: none */
+    bool filters;           /* a publisher filters as readers want (Fast DDS only) */
 };
 
 /* Reads the command line; prints the usage and exits with 2 when it cannot. */
