@@ -5,6 +5,7 @@ mod any_policy;
 mod best_effort;
 mod cache;
 mod coherent;
+mod filters;
 mod fragments;
 mod lifecycle;
 mod lifespan;
