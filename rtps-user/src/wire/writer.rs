@@ -94,13 +94,15 @@ impl<'a> MessageWriter<'a> {
 
     /// DATA.
     pub fn data(&mut self, data: &Data<'_>) {
-        self.data_with(data, &[]);
+        let more = self.parameters;
+        let flags = data.flags(!more.is_empty());
+        self.submessage(SubmessageKind::DATA, flags, |out| data.encode(more, out));
     }
 
     /// DATA with parameters of its own, written already and without sentinel.
     pub fn data_with(&mut self, data: &Data<'_>, own: &[u8]) {
-        let more = [self.parameters, own];
-        let flags = data.flags(more.iter().any(|more| !more.is_empty()));
+        let more = [self.parameters, own].concat();
+        let flags = data.flags(!more.is_empty());
         self.submessage(SubmessageKind::DATA, flags, |out| data.encode(&more, out));
     }
 
@@ -135,7 +137,7 @@ impl<'a> MessageWriter<'a> {
         let more = self.parameters;
         let flags = data.flags(!more.is_empty());
         self.submessage(SubmessageKind::DATA_FRAG, flags, |out| {
-            data.encode(&[more], out)
+            data.encode(more, out)
         });
     }
 

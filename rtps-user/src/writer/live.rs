@@ -118,7 +118,10 @@ impl Writer {
         }
         let layout = self.layout.clone();
         let filter_info = self.selection.filter_info();
-        let mut packet = Packet::undirected(out, &layout).with_filter_info(&filter_info);
+        let mut packet = Packet::undirected(out, &layout);
+        if let Some(info) = &filter_info {
+            packet.set_filter_info(info);
+        }
         // While there is more to send, a HEARTBEAT is a datagram of its own, so that those around it stay equally long.
         let is_owed = self.heartbeats.is_due();
         let audience = self.selection.audience_of(self.live.end());

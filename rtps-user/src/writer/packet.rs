@@ -213,12 +213,9 @@ impl<'a> Packet<'a> {
         }
     }
 
-    /// The same, whose samples have passed the filters that `info` names.
-    pub(super) fn with_filter_info(self, info: &'a Option<Arc<[u8]>>) -> Self {
-        Self {
-            filter_info: info.as_deref().unwrap_or_default(),
-            ..self
-        }
+    /// Its samples have passed the filters that `info` names.
+    pub(super) fn set_filter_info(&mut self, info: &'a [u8]) {
+        self.filter_info = info;
     }
 
     /// Whether nothing has been appended.
@@ -344,7 +341,10 @@ impl<'a> Packet<'a> {
         let filter_info = self.filter_info_for(change);
         self.timestamp(change.timestamp);
         let data = self.layout.data(self.reader, sequence, change);
-        self.message.data_with(&data, filter_info);
+        match filter_info {
+            [] => self.message.data(&data),
+            info => self.message.data_with(&data, info),
+        }
         true
     }
 

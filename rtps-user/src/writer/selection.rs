@@ -60,7 +60,7 @@ impl Selection {
 
     /// Whom the stream goes to in a change that not all want; `None` where all do.
     pub(super) fn audience_of(&self, sequence: SequenceNumber) -> Option<&Audience> {
-        let audience = self.audience.as_ref();
+        let audience = self.audience.as_ref().filter(|_| self.is_needed);
         audience.filter(|audience| audience.sequence == sequence)
     }
 

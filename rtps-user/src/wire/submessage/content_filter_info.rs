@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use crate::wire::{Cursor, ParameterId, ParameterWriter};
+use crate::wire::{Cursor, Endianness, ParameterId, ParameterWriter};
 
 /// FilterSignature_t: the MD5 of a reader's filter, name and parameters included.
 #[derive(Clone, Copy, Debug, Eq, Ord, PartialEq, PartialOrd)]
@@ -10,20 +10,24 @@ pub struct FilterSignature(pub [u8; 16]);
 
 /// The filters that a sample was put to, and the result of each, as a list that is read when it is looked into. One that is
 /// malformed names none.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContentFilterInfo<'a> {
-    value: Cursor<'a>,
+    value: &'a [u8],
+    endianness: Endianness,
 }
 
 impl<'a> ContentFilterInfo<'a> {
     /// From the value of PID_CONTENT_FILTER_INFO.
     pub(super) fn new(value: Cursor<'a>) -> Self {
-        Self { value }
+        Self {
+            value: value.rest(),
+            endianness: value.endianness(),
+        }
     }
 
     /// Whether the sample has passed a filter; `None` where nothing is said of that one.
     pub fn result_of(&self, signature: FilterSignature) -> Option<bool> {
-        let mut value = self.value;
+        let mut value = Cursor::new(self.value, self.endianness);
         let words = usize::try_from(value.u32().ok()?).ok()?;
         let results = value.take(words.checked_mul(4)?).ok()?;
         let count = usize::try_from(value.u32().ok()?).ok()?;
@@ -60,18 +64,9 @@ impl<'a> ContentFilterInfo<'a> {
     }
 }
 
-/// By what is said.
-impl PartialEq for ContentFilterInfo<'_> {
-    fn eq(&self, other: &Self) -> bool {
-        self.value.rest() == other.value.rest()
-            && self.value.endianness() == other.value.endianness()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::wire::Endianness;
 
     fn signature(number: u8) -> FilterSignature {
         FilterSignature([number; 16])

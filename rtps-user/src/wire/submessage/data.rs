@@ -50,9 +50,10 @@ impl<'a> Data<'a> {
             (true, true) => return Err(WireError::InvalidData),
         };
         let (reader, writer, sequence) = decode_prologue(cursor, |_| Ok(()))?;
-        let (inline_qos, filters) = match flags & Self::FLAG_INLINE_QOS {
-            0 => Default::default(),
-            _ => InlineQos::decode(cursor)?,
+        let mut filters = None;
+        let inline_qos = match flags & Self::FLAG_INLINE_QOS {
+            0 => InlineQos::default(),
+            _ => InlineQos::decode(cursor, &mut filters)?,
         };
         let payload = if kind == PayloadKind::None {
             &[][..]
@@ -85,7 +86,7 @@ impl<'a> Data<'a> {
             }
     }
 
-    pub(in crate::wire) fn encode(&self, more: &[&[u8]], out: &mut Vec<u8>) {
+    pub(in crate::wire) fn encode(&self, more: &[u8], out: &mut Vec<u8>) {
         out.extend_from_slice(&[0, 0]);
         out.extend_from_slice(&OCTETS_TO_INLINE_QOS.to_le_bytes());
         out.extend_from_slice(&self.reader.0);

@@ -49,7 +49,7 @@ impl<'a> DataFrag<'a> {
         })?;
         let inline_qos = match flags & Self::FLAG_INLINE_QOS {
             0 => InlineQos::default(),
-            _ => InlineQos::decode(cursor)?.0,
+            _ => InlineQos::decode(cursor, &mut None)?,
         };
         let kind = if flags & Self::FLAG_KEY == 0 {
             PayloadKind::Data
@@ -113,7 +113,7 @@ impl<'a> DataFrag<'a> {
         }
     }
 
-    pub(in crate::wire) fn encode(&self, more: &[&[u8]], out: &mut Vec<u8>) {
+    pub(in crate::wire) fn encode(&self, more: &[u8], out: &mut Vec<u8>) {
         out.extend_from_slice(&[0, 0]);
         out.extend_from_slice(&OCTETS_TO_INLINE_QOS.to_le_bytes());
         out.extend_from_slice(&self.reader.0);

@@ -103,14 +103,14 @@ impl InlineQos {
             + usize::from(self.lifespan.is_some()) * (HEADER + 8)
     }
 
-    /// Reads a whole list up to its sentinel and moves the cursor behind it; gives with it what it says of filters.
+    /// Reads a whole list up to its sentinel and moves the cursor behind it; what it says of filters goes into `filters`.
     pub(super) fn decode<'a>(
         cursor: &mut Cursor<'a>,
-    ) -> Result<(Self, Option<ContentFilterInfo<'a>>), WireError> {
+        filters: &mut Option<ContentFilterInfo<'a>>,
+    ) -> Result<Self, WireError> {
         let (list, length) = ParameterList::parse(cursor.rest(), cursor.endianness())?;
         cursor.take(length)?;
         let mut qos = Self::default();
-        let mut filters = None;
         for Parameter { id, mut value } in list.iter() {
             match id {
                 ParameterId::KEY_HASH => qos.key_hash = Some(KeyHash(value.array()?)),
@@ -118,15 +118,20 @@ impl InlineQos {
                 ParameterId::STATUS_INFO => {
                     qos.status = StatusInfo::from_octet(value.array::<4>()?[3])
                 }
-                ParameterId::CONTENT_FILTER_INFO => filters = Some(ContentFilterInfo::new(value)),
-                _ => qos.decode_rare(id, &mut value)?,
+                _ => qos.decode_rare(id, &mut value, filters)?,
             }
         }
-        Ok((qos, filters))
+        Ok(qos)
     }
 
-    fn decode_rare(&mut self, id: ParameterId, value: &mut Cursor<'_>) -> Result<(), WireError> {
+    fn decode_rare<'a>(
+        &mut self,
+        id: ParameterId,
+        value: &mut Cursor<'a>,
+        filters: &mut Option<ContentFilterInfo<'a>>,
+    ) -> Result<(), WireError> {
         match id {
+            ParameterId::CONTENT_FILTER_INFO => *filters = Some(ContentFilterInfo::new(*value)),
             ParameterId::COHERENT_SET => self.coherent_set = Some(SequenceNumber::decode(value)?),
             ParameterId::GROUP_SEQ_NUM => {
                 self.group_sequence = Some(SequenceNumber::decode(value)?)
@@ -143,13 +148,11 @@ impl InlineQos {
 
     /// Writes the list with its sentinel, and with it parameters that have been written already; nothing where there are
     /// none.
-    pub(in crate::wire) fn encode(&self, more: &[&[u8]], out: &mut Vec<u8>) {
-        if self.is_empty() && more.iter().all(|more| more.is_empty()) {
+    pub(in crate::wire) fn encode(&self, more: &[u8], out: &mut Vec<u8>) {
+        if self.is_empty() && more.is_empty() {
             return;
         }
-        for more in more {
-            out.extend_from_slice(more);
-        }
+        out.extend_from_slice(more);
         let mut list = ParameterWriter::new(out);
         if let Some(KeyHash(hash)) = self.key_hash {
             list.parameter(ParameterId::KEY_HASH, |value| {
