@@ -8,7 +8,8 @@ use std::collections::BTreeMap;
 use libfuzzer_sys::fuzz_target;
 use rtps_socket::DdsType;
 use rtps_socket::cdr::{
-    DdsType, Representation, from_key_payload, from_payload, key_hash, key_payload, to_payload,
+    DdsType, LongDouble, Representation, WChar, WString, from_key_payload, from_payload, key_hash,
+    key_payload, to_payload,
 };
 
 #[derive(DdsType)]
@@ -63,11 +64,52 @@ enum Shape {
     Nothing,
 }
 
+#[derive(DdsType)]
+#[dds(mutable)]
+struct Heir {
+    #[dds(base)]
+    base: Mutable,
+    wide: Vec<WString>,
+    unit: WChar,
+    #[dds(bound = 3, try_construct = "trim")]
+    cut: String,
+    #[dds(bound = 3, try_construct = "use_default")]
+    list: Vec<u16>,
+    #[dds(try_construct = "use_default", default = Level::High)]
+    level: Level,
+    flags: Flags,
+    fields: Fields,
+    number: LongDouble,
+    #[dds(must_understand)]
+    alias: Option<Alias>,
+}
+
+#[derive(DdsType)]
+#[dds(bitmask, bit_bound = 16)]
+struct Flags {
+    low: bool,
+    #[dds(position = 15)]
+    high: bool,
+}
+
+#[derive(DdsType)]
+#[dds(bitset)]
+struct Fields {
+    #[dds(bits = 5)]
+    signed: i16,
+    #[dds(bits = 33, position = 9)]
+    large: u64,
+}
+
+#[derive(DdsType)]
+struct Alias(#[dds(bound = 2)] Vec<u8>);
+
 fuzz_target!(|data: &[u8]| {
     check::<Appendable>(data);
     check::<Final>(data);
     check::<Mutable>(data);
     check::<Shape>(data);
+    check::<Heir>(data);
 });
 
 fn check<T: DdsType>(data: &[u8]) {

@@ -11,8 +11,6 @@ pub const IPV4_HEAD: usize = (IPV4_MIN_LEN + UDP_LEN) as usize;
 pub const IPV6_HEAD: usize = (IPV6_LEN + UDP_LEN) as usize;
 /// Routers between two hosts of a domain; what Linux uses by default.
 const HOP_LIMIT: u8 = 64;
-/// Answers fit the link that the request came by.
-const DO_NOT_FRAGMENT: u8 = 0x40;
 
 /// Whom an answer goes to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -25,10 +23,13 @@ pub struct Flow {
     pub source_port: u16,
     /// Host order.
     pub destination_port: u16,
+    /// Tells the fragments of an IPv4 packet from those of others.
+    pub identification: u16,
 }
 
 impl Flow {
-    /// IPv4 and UDP header before `payload_len` bytes.
+    /// IPv4 and UDP header before `payload_len` bytes. Routers may fragment the packet: an answer fits the link that the
+    /// request came by, but nobody would hear that it does not fit one behind it.
     #[inline(always)]
     pub const fn ipv4_head(&self, payload_len: u16, udp_checksum: u16) -> [u8; IPV4_HEAD] {
         let udp_len = payload_len + UDP_LEN as u16;
@@ -37,20 +38,21 @@ impl Flow {
         let [.., d0, d1, d2, d3] = self.destination;
         let sum = 0x4500
             + u16::from_be_bytes([t0, t1]) as u32
-            + u16::from_be_bytes([DO_NOT_FRAGMENT, 0]) as u32
+            + self.identification as u32
             + u16::from_be_bytes([HOP_LIMIT, PROTOCOL_UDP]) as u32
             + sum_of(&self.source)
             + sum_of(&self.destination);
         let [c0, c1] = (!fold(sum)).to_be_bytes();
+        let [i0, i1] = self.identification.to_be_bytes();
         let [u0, u1, u2, u3, u4, u5, u6, u7] = self.udp_header(udp_len, udp_checksum);
         [
             0x45,
             0,
             t0,
             t1,
+            i0,
+            i1,
             0,
-            0,
-            DO_NOT_FRAGMENT,
             0,
             HOP_LIMIT,
             PROTOCOL_UDP,
@@ -172,6 +174,7 @@ mod tests {
             destination: mapped([198, 51, 100, 7]),
             source_port: 7410,
             destination_port: 40_000,
+            identification: 0xfe01,
         };
         let checksum = flow.udp_checksum(6, fold(words(&PAYLOAD)));
         let head = flow.ipv4_head(6, checksum);
@@ -192,6 +195,11 @@ mod tests {
             (7410, 40_000)
         );
         assert_eq!((found.ip, found.udp, found.ports.len), (14, 34, 14));
+        assert_eq!(
+            head[4..8],
+            [0xfe, 0x01, 0, 0],
+            "fragments can be told apart"
+        );
     }
 
     #[test]
@@ -201,6 +209,7 @@ mod tests {
             destination: [0xfe; 16],
             source_port: 1,
             destination_port: 2,
+            identification: 0,
         };
         flow.source[15] = 1;
         let checksum = flow.udp_checksum(6, fold(words(&PAYLOAD)));

@@ -96,12 +96,36 @@ pub fn fast_dds_perf() -> Result<Peer> {
     Peer::build(Vendor::FastDdsPerf)
 }
 
+/// What Cyclone DDS 0.10 makes of serialized samples: it reads and answers requests, as `codec.c` says.
+///
+/// # Errors
+/// Without a compiler or the library, with the command that installs them.
+pub fn cyclone_codec() -> Result<Peer> {
+    Peer::build(Vendor::CycloneCodec)
+}
+
+/// The same of Fast-CDR, which is how Fast DDS serializes.
+///
+/// # Errors
+/// Without a compiler or the library, with the command that installs them.
+pub fn fast_cdr_codec() -> Result<Peer> {
+    Peer::build(Vendor::FastCdrCodec)
+}
+
 /// Builds every peer that tests start, so that no test has to.
 ///
 /// # Errors
 /// Those of the single peers.
 pub fn build_all() -> Result<()> {
-    for build in [cyclone, cyclone11, fast_dds, rust_dds, dust_dds] {
+    for build in [
+        cyclone,
+        cyclone11,
+        fast_dds,
+        rust_dds,
+        dust_dds,
+        cyclone_codec,
+        fast_cdr_codec,
+    ] {
         build()?;
     }
     Ok(())
@@ -130,8 +154,8 @@ impl Peer {
                 interface.name.clone()
             }
             Vendor::FastDds | Vendor::FastDdsPerf | Vendor::RustDds => interface.v4.to_string(),
-            // It takes whatever there is.
-            Vendor::RustDdsPerf => return command,
+            // They take whatever there is, or no network at all.
+            Vendor::RustDdsPerf | Vendor::CycloneCodec | Vendor::FastCdrCodec => return command,
         };
         command.args(["--interface", &interface]);
         command
@@ -155,7 +179,11 @@ impl Peer {
             Vendor::FastDds | Vendor::FastDdsPerf => {
                 command.args(["--interface", &interface.v6.to_string()])
             }
-            Vendor::RustDds | Vendor::RustDdsPerf | Vendor::DustDds => &mut command,
+            Vendor::RustDds
+            | Vendor::RustDdsPerf
+            | Vendor::DustDds
+            | Vendor::CycloneCodec
+            | Vendor::FastCdrCodec => &mut command,
         };
         command
     }
@@ -196,6 +224,8 @@ enum Vendor {
     RustDds,
     RustDdsPerf,
     DustDds,
+    CycloneCodec,
+    FastCdrCodec,
 }
 
 impl Vendor {
@@ -209,6 +239,8 @@ impl Vendor {
             Self::RustDds => "rustdds-shapes",
             Self::RustDdsPerf => "rustdds-perf",
             Self::DustDds => "dustdds-shapes",
+            Self::CycloneCodec => "cyclone-codec",
+            Self::FastCdrCodec => "fastcdr-codec",
         }
     }
 
@@ -226,6 +258,8 @@ impl Vendor {
             ],
             Self::FastDdsPerf => &["peer.h", "peer.c", "fastdds_perf.cpp"],
             Self::RustDds | Self::RustDdsPerf | Self::DustDds => rust::SOURCES,
+            Self::CycloneCodec => &["Codec.idl", "codec.c"],
+            Self::FastCdrCodec => &["codec.cpp"],
         }
     }
 
@@ -253,6 +287,8 @@ impl Vendor {
                 debian_c::fast_dds(directory, self.name(), &["fastdds_perf.cpp"], "-O2")?
             }
             Self::Cyclone11 => python::cyclone11(directory)?,
+            Self::CycloneCodec => debian_c::cyclone_codec(directory, self.name())?,
+            Self::FastCdrCodec => debian_c::fast_cdr_codec(directory, self.name())?,
             Self::RustDds | Self::RustDdsPerf | Self::DustDds => {
                 rust::build(directory, self.name())?
             }

@@ -319,18 +319,19 @@ impl Exchange {
         // To ask an unproven sender for its samples costs no more than to greet it; they are not taken yet.
         let can_ask = self.setting.may_answer && self.peer.reply_port != 0;
         let is_askable = submessage.id == id::HEARTBEAT && can_ask;
-        if self.is_known && (self.is_proven() || is_askable) {
+        let is_acknack = submessage.id == id::ACKNACK;
+        if self.is_known && (self.is_proven(is_acknack) || is_askable) {
             self.take(message, submessage, &fields, number);
         }
     }
 
-    /// Whether the sender takes part in the reliable protocol: it has named us, and so has got something from us.
-    /// From then on its samples are taken. If it knew us before it may think that we have them all, and be silent:
+    /// Whether the sender takes part in the reliable protocol: it has named us, or acknowledges, which some small stacks
+    /// do without INFO_DST, and so has got something from us. From then on its samples are taken. If it knew us before it may think that we have them all, and be silent:
     /// so its writers are greeted. And it is told what ours have: it may not have known them when we announced us.
     #[inline(always)]
-    fn is_proven(&mut self) -> bool {
+    fn is_proven(&mut self, is_acknack: bool) -> bool {
         if self.peer.flags & PEER_PROVEN == 0 {
-            if !self.is_directed {
+            if !self.is_directed && !is_acknack {
                 return false;
             }
             self.peer.flags |= PEER_PROVEN;

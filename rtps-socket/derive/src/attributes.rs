@@ -1,9 +1,10 @@
 //! The `#[dds(...)]` attributes of types, fields and variants.
 
+use md5::{Digest, Md5};
 use proc_macro2::TokenStream;
 use quote::{ToTokens, quote};
 use syn::meta::ParseNestedMeta;
-use syn::{Attribute, Expr, Ident, LitInt, LitStr, Path};
+use syn::{Attribute, Expr, Ident, LitInt, LitStr, Path, Token};
 
 use crate::discriminator::Label;
 
@@ -30,12 +31,60 @@ impl ToTokens for Extensibility {
     }
 }
 
+/// A struct that is an integer on the wire.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Bits {
+    /// Of flags.
+    Mask,
+    /// Of small numbers.
+    Set,
+}
+
+/// What becomes of a value that the member's type does not have, XTypes 7.2.2.7.
+#[derive(Clone, Copy, Default, PartialEq, Eq)]
+pub(crate) enum TryConstruct {
+    #[default]
+    Discard,
+    UseDefault,
+    Trim,
+}
+
+impl TryConstruct {
+    fn parse(item: &ParseNestedMeta<'_>) -> syn::Result<Self> {
+        let literal: LitStr = item.value()?.parse()?;
+        match literal.value().as_str() {
+            "discard" => Ok(Self::Discard),
+            "use_default" => Ok(Self::UseDefault),
+            "trim" => Ok(Self::Trim),
+            _ => Err(syn::Error::new_spanned(
+                literal,
+                "`try_construct` is \"discard\", \"use_default\" or \"trim\"",
+            )),
+        }
+    }
+}
+
+impl ToTokens for TryConstruct {
+    fn to_tokens(&self, tokens: &mut TokenStream) {
+        let cdr = crate::cdr();
+        tokens.extend(match self {
+            Self::Discard => quote!(#cdr::TryConstruct::Discard),
+            Self::UseDefault => quote!(#cdr::TryConstruct::UseDefault),
+            Self::Trim => quote!(#cdr::TryConstruct::Trim),
+        });
+    }
+}
+
 /// Attributes of a struct or enum.
 #[derive(Default)]
 pub(crate) struct TypeAttributes {
     pub(crate) extensibility: Extensibility,
     pub(crate) bit_bound: Option<LitInt>,
     pub(crate) discriminator: Option<Path>,
+    /// Members without an id have the hash of their name.
+    pub(crate) autoid_hash: bool,
+    /// What a struct without members of its own stands for.
+    pub(crate) bits: Option<Bits>,
     /// Endpoints announce no type: they are matched by its name alone.
     pub(crate) by_name: bool,
     type_name: Option<LitStr>,
@@ -59,10 +108,16 @@ impl TypeAttributes {
                 parsed.discriminator = Some(item.value()?.parse::<LitStr>()?.parse()?);
             } else if item.path.is_ident("by_name") {
                 parsed.by_name = true;
+            } else if item.path.is_ident("autoid") {
+                parsed.autoid_hash = autoid_hash(&item)?;
+            } else if item.path.is_ident("bitmask") {
+                parsed.bits = Some(Bits::Mask);
+            } else if item.path.is_ident("bitset") {
+                parsed.bits = Some(Bits::Set);
             } else {
                 return Err(item.error(
                     "a type takes `final`, `appendable`, `mutable`, `type_name`, `bit_bound`, \
-                     `discriminator` or `by_name`",
+                     `discriminator`, `autoid`, `bitmask`, `bitset` or `by_name`",
                 ));
             }
             Ok(())
@@ -95,6 +150,17 @@ pub(crate) struct FieldAttributes {
     pub(crate) name: Option<LitStr>,
     pub(crate) default: Option<Expr>,
     pub(crate) non_serialized: bool,
+    /// The members of its type are inherited.
+    pub(crate) base: bool,
+    /// The name that the id is made of, empty for the member's own.
+    pub(crate) hash_id: Option<String>,
+    pub(crate) must_understand: bool,
+    pub(crate) external: bool,
+    pub(crate) try_construct: TryConstruct,
+    /// The least significant bit of a bitmask's flag or a bitset's field.
+    pub(crate) position: Option<LitInt>,
+    /// How many bits a bitset's field has.
+    pub(crate) bits: Option<LitInt>,
 }
 
 impl FieldAttributes {
@@ -115,12 +181,29 @@ impl FieldAttributes {
                 parsed.uint8 = true;
             } else if item.path.is_ident("name") {
                 parsed.name = Some(item.value()?.parse()?);
+            } else if item.path.is_ident("base") {
+                parsed.base = true;
+            } else if item.path.is_ident("hashid") {
+                let has_name = item.input.peek(Token![=]);
+                let name = has_name.then(|| item.value()?.parse::<LitStr>());
+                parsed.hash_id = Some(name.transpose()?.map_or_else(String::new, |n| n.value()));
+            } else if item.path.is_ident("must_understand") {
+                parsed.must_understand = true;
+            } else if item.path.is_ident("external") {
+                parsed.external = true;
+            } else if item.path.is_ident("try_construct") {
+                parsed.try_construct = TryConstruct::parse(&item)?;
+            } else if item.path.is_ident("position") {
+                parsed.position = Some(item.value()?.parse()?);
+            } else if item.path.is_ident("bits") {
+                parsed.bits = Some(item.value()?.parse()?);
             } else if item.path.is_ident("optional") {
                 return Err(item.error("a member is optional when its type is `Option<...>`"));
             } else {
                 return Err(item.error(
-                    "a field takes `key`, `id`, `name`, `bound`, `uint8`, `default = expression` or \
-                     `non_serialized`",
+                    "a field takes `key`, `id`, `hashid`, `name`, `bound`, `uint8`, `default = expression`, \
+                     `try_construct`, `must_understand`, `external`, `base` or `non_serialized`, and of \
+                     a bitmask or bitset `position` and `bits`",
                 ));
             }
             Ok(())
@@ -157,6 +240,24 @@ impl VariantAttributes {
         })?;
         Ok(parsed)
     }
+}
+
+fn autoid_hash(item: &ParseNestedMeta<'_>) -> syn::Result<bool> {
+    let literal: LitStr = item.value()?.parse()?;
+    match literal.value().as_str() {
+        "hash" => Ok(true),
+        "sequential" => Ok(false),
+        _ => Err(syn::Error::new_spanned(
+            literal,
+            "`autoid` is \"sequential\" or \"hash\"",
+        )),
+    }
+}
+
+/// The id that a name hashes to, XTypes 7.3.1.2.1.1.
+pub(crate) fn hashed_id(name: &str) -> u32 {
+    let [a, b, c, d, ..]: [u8; 16] = Md5::digest(name).into();
+    u32::from_le_bytes([a, b, c, d]) & MAX_MEMBER_ID
 }
 
 fn member_id(item: &ParseNestedMeta<'_>) -> syn::Result<u32> {

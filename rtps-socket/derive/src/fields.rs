@@ -13,11 +13,14 @@ pub(crate) struct StructField<'a> {
     pub(crate) name: &'a str,
     pub(crate) ty: &'a Type,
     /// Whether a serialized key holds it.
-    pub(crate) is_key: bool,
+    pub(crate) is_key: TokenStream,
 }
 
-/// `CdrType::value_at` and `type_at` of a struct.
-pub(crate) fn of_struct<'a>(fields: impl Iterator<Item = StructField<'a>>) -> TokenStream {
+/// `CdrType::value_at` and `type_at` of a struct; the members of `base` are its own.
+pub(crate) fn of_struct<'a>(
+    base: Option<StructField<'a>>,
+    fields: impl Iterator<Item = StructField<'a>>,
+) -> TokenStream {
     let cdr = crate::cdr();
     let (values, types): (Vec<_>, Vec<_>) = fields
         .map(|field| {
@@ -38,7 +41,22 @@ pub(crate) fn of_struct<'a>(fields: impl Iterator<Item = StructField<'a>>) -> To
             )
         })
         .unzip();
-    accessors(&quote!(#(#values)*), &quote!(#(#types)*))
+    let (inherited_values, inherited_types) = base
+        .map(
+            |StructField {
+                 ident, ty, is_key, ..
+             }| {
+                (
+                    quote!(path => #cdr::CdrType::value_at(&self.#ident, path),),
+                    quote!(path => #cdr::member_type::<#ty>(path, #is_key),),
+                )
+            },
+        )
+        .unzip();
+    accessors(
+        &quote!(#(#values)* #inherited_values),
+        &quote!(#(#types)* #inherited_types),
+    )
 }
 
 /// `CdrType::value_at` and `type_at` of an enumeration with these literals and their names.
@@ -133,7 +151,9 @@ pub(crate) fn fields_impl(input: &DeriveInput) -> TokenStream {
 /// The two functions, from the arms of a match of the path.
 fn accessors(values: &TokenStream, types: &TokenStream) -> TokenStream {
     let cdr = crate::cdr();
+    let unreachable = "all other paths may be those of inherited members";
     quote! {
+        #[allow(unreachable_patterns, reason = #unreachable)]
         fn value_at(
             &self,
             path: &[&::core::primitive::str],
@@ -144,6 +164,7 @@ fn accessors(values: &TokenStream, types: &TokenStream) -> TokenStream {
             }
         }
 
+        #[allow(unreachable_patterns, reason = #unreachable)]
         fn type_at(
             path: &[&::core::primitive::str],
         ) -> ::core::option::Option<#cdr::FieldType> {

@@ -3,11 +3,14 @@
 //! It implements `rtps_socket::cdr::CdrType`, and for structs and unions `DdsType`, by calls into
 //! that module; the encoding rules themselves are written there, not here.
 
+mod alias;
 mod attributes;
+mod bits;
 mod description;
 mod discriminator;
 mod enumeration;
 mod fields;
+mod member;
 mod structure;
 mod union;
 
@@ -31,17 +34,22 @@ use attributes::TypeAttributes;
 /// }
 /// ```
 ///
-/// An enum whose variants have no data is an IDL enumeration; one with data is an IDL union.
+/// An enum whose variants have no data is an IDL enumeration; one with data is an IDL union. A struct of one field
+/// without a name is a typedef.
 ///
 /// On the type: `final`, `appendable` (the default) or `mutable`; `type_name = "module::Name"`;
 /// enumerations: `bit_bound = 8` (or 16, 32); unions: `discriminator = "u8"` (default `i32`; an
-/// integer, `bool`, `char` or an enumeration);
+/// integer, `bool`, `char` or an enumeration); structs: `autoid = "hash"`;
+/// `bitmask` (of `bool`s, with `bit_bound = 8`, 16, 32 or 64) or `bitset` (of `bool`s and integers with `bits = 3` each);
 /// `by_name`: endpoints announce no TypeInformation, and are matched by the type's name alone.
 ///
-/// On a struct's field: `key`; `id = 7` (default: the preceding one plus 1, from 0); `bound = 128`
+/// On a struct's field: `key`; `id = 7` (default: the preceding one plus 1, from 0), or `hashid`, or
+/// `hashid = "name"`; `bound = 128`
 /// for strings, sequences and maps; `default = expression` for values that the sender does not
-/// know; `non_serialized`; `uint8` where `u8` is IDL's `uint8` and not `octet`; `name = "x"` where
-/// IDL has another name. `Option` makes a member optional.
+/// know; `try_construct = "use_default"` or `"trim"` for values that the type does not have; `must_understand`;
+/// `external`; `non_serialized`; `uint8` where `u8` is IDL's `uint8` and not `octet`; `name = "x"` where
+/// IDL has another name; `base` on the first one inherits its type's members. `Option` makes a member optional.
+/// Fields of bitmasks and bitsets have `position = 3` unless they follow the preceding one.
 ///
 /// On a variant: `case = 3`, `true`, `'a'` or `Color::Red` (repeatable; for integers
 /// by default the preceding one plus 1, from 0) in unions;
@@ -58,10 +66,17 @@ fn expand(input: &DeriveInput) -> syn::Result<proc_macro2::TokenStream> {
     let attributes = TypeAttributes::parse(&input.attrs)?;
     match &input.data {
         Data::Struct(data) => match &data.fields {
-            Fields::Named(fields) => structure::expand(input, &attributes, fields),
+            Fields::Named(fields) => match attributes.bits {
+                Some(kind) => bits::expand(input, &attributes, kind, fields),
+                None => structure::expand(input, &attributes, fields),
+            },
+            Fields::Unnamed(fields) if fields.unnamed.len() == 1 => {
+                alias::expand(input, &attributes, &fields.unnamed[0])
+            }
             Fields::Unnamed(_) | Fields::Unit => Err(Error::new_spanned(
                 &input.ident,
-                "members of a DDS struct have names: use `struct Name { member: Type }`",
+                "members of a DDS struct have names: use `struct Name { member: Type }`; one without \
+                 is an alias",
             )),
         },
         Data::Enum(data) if data.variants.is_empty() => Err(Error::new_spanned(
@@ -105,7 +120,7 @@ fn bound_generics(generics: &Generics) -> Generics {
 fn dds_type_impl(
     input: &DeriveInput,
     attributes: &TypeAttributes,
-    has_key: bool,
+    has_key: &proc_macro2::TokenStream,
 ) -> proc_macro2::TokenStream {
     let cdr = cdr();
     let ident = &input.ident;

@@ -23,7 +23,7 @@ pub(crate) fn expand(
     let discriminator = Discriminator::parse(attributes)?;
     let cases = Case::parse_all(data, &discriminator)?;
     let cdr_type = cdr_type_impl(input, attributes, &discriminator, &cases);
-    let dds_type = crate::dds_type_impl(input, attributes, false);
+    let dds_type = crate::dds_type_impl(input, attributes, &quote!(false));
     Ok(quote!(#cdr_type #dds_type))
 }
 

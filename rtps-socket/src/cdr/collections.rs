@@ -66,6 +66,10 @@ impl Bounded for String {
         self.len()
     }
 
+    fn trim(&mut self, bound: usize) {
+        self.truncate(self.floor_char_boundary(bound));
+    }
+
     fn add_bounded_key_size(size: &mut KeySize, bound: usize) {
         size.add(4, 1);
         size.add(1, bound.saturating_add(1));
@@ -124,6 +128,10 @@ impl<T: CdrType> CdrType for Vec<T> {
 impl<T: CdrType> Bounded for Vec<T> {
     fn bounded_len(&self) -> usize {
         self.len()
+    }
+
+    fn trim(&mut self, bound: usize) {
+        self.truncate(bound);
     }
 
     fn add_bounded_key_size(size: &mut KeySize, bound: usize) {
@@ -276,9 +284,17 @@ macro_rules! map {
             }
         }
 
-        impl<K: CdrType, V: CdrType $(, $hasher)?> Bounded for $map<K, V $(, $hasher)?> {
+        impl<K: CdrType + $($bounds)*, V: CdrType $(, $hasher)?> Bounded for $map<K, V $(, $hasher)?> {
             fn bounded_len(&self) -> usize {
                 self.len()
+            }
+
+            fn trim(&mut self, bound: usize) {
+                let mut left = bound;
+                self.retain(|_, _| left.checked_sub(1).is_some_and(|rest| {
+                    left = rest;
+                    true
+                }));
             }
 
             fn add_bounded_key_size(size: &mut KeySize, bound: usize) {

@@ -1,8 +1,8 @@
 //! Reading Extended CDR, every byte of it checked.
 
 use super::{
-    ByteOrder, DecodeError, Extensibility, MAX_DEPTH, Member, MemberInfo, Representation, Scope,
-    members::parameter, primitives::Primitive,
+    ByteOrder, CdrType, DecodeError, Extensibility, MAX_DEPTH, Member, MemberIds, MemberInfo,
+    Representation, Scope, Struct, members::parameter, primitives::Primitive,
 };
 
 /// Reads objects from a slice.
@@ -193,6 +193,15 @@ impl<'a> Decoder<'a> {
         self.within(end, body)
     }
 
+    /// All that a value that is refused leaves behind, but for the position.
+    fn place(&self) -> (&'a [u8], usize, u8) {
+        (self.data, self.origin, self.depth)
+    }
+
+    fn return_to(&mut self, (data, origin, depth): (&'a [u8], usize, u8)) {
+        (self.data, self.origin, self.depth) = (data, origin, depth);
+    }
+
     /// Where `size` bytes from here end.
     fn end_of(&self, size: u32) -> Result<usize, DecodeError> {
         let size = usize::try_from(size).unwrap_or(usize::MAX);
@@ -232,7 +241,7 @@ impl<'a> Decoder<'a> {
     }
 
     fn value<M: Member>(&mut self) -> Result<M, DecodeError> {
-        super::CdrType::decode(self).map(M::from_value)
+        CdrType::decode(self).map(M::from_value)
     }
 
     /// Reads a header of XCDR1 (XTypes 7.4.1.2); `None` at the end of the list.
@@ -359,7 +368,7 @@ impl MemberDecoder<'_, '_> {
                 }
             },
             Representation::Xcdr2 => {
-                let present: bool = super::CdrType::decode(decoder)?;
+                let present: bool = CdrType::decode(decoder)?;
                 present.then(|| decoder.value()).transpose()?
             }
         };
@@ -389,12 +398,67 @@ impl MemberDecoder<'_, '_> {
         self.decoder.member_value(header)
     }
 
-    /// Passes over a member that the type does not have.
+    /// As [`value`](Self::value), with the default for a value that the member's type does not have (XTypes 7.2.2.7,
+    /// USE_DEFAULT).
     ///
     /// # Errors
-    /// When the sender says that it must be understood.
-    pub fn skip(&mut self, header: &MemberHeader) -> Result<(), DecodeError> {
-        if header.must_understand {
+    /// When the bytes are malformed.
+    pub fn value_or_default<M: Member>(
+        &mut self,
+        header: &MemberHeader,
+        default: impl FnOnce() -> M,
+    ) -> Result<Option<M>, DecodeError> {
+        let outside = self.decoder.place();
+        match self.value(header) {
+            Err(error) if error.is_about_value() => {
+                self.decoder.return_to(outside);
+                self.decoder.position = header.end;
+                Ok(Some(default()))
+            }
+            result => result,
+        }
+    }
+
+    /// As [`take`](Self::take), with the default for a value that the member's type does not have, if all of its values
+    /// have one size, so that what follows can be found.
+    ///
+    /// # Errors
+    /// As [`take`](Self::take) otherwise.
+    pub fn take_or_default<M: Member>(
+        &mut self,
+        info: &MemberInfo,
+        default: impl Fn() -> M,
+    ) -> Result<M, DecodeError> {
+        let outside = self.decoder.place();
+        match self.take(info, &default) {
+            Err(error) if error.is_about_value() && M::Value::LENGTH_CODE.is_fixed() => {
+                self.decoder.return_to(outside);
+                Ok(default())
+            }
+            result => result,
+        }
+    }
+
+    /// Reads the members that a struct with these ids inherits. Those of mutable types may stand anywhere: the list is
+    /// then read again for its own.
+    ///
+    /// # Errors
+    /// Those of the members.
+    pub fn inherited<B: Struct>(&mut self, ids: &MemberIds) -> Result<B, DecodeError> {
+        let start = self.decoder.position;
+        let base = B::take_members(self, ids)?;
+        if B::EXTENSIBILITY == Extensibility::Mutable {
+            self.decoder.position = start;
+        }
+        Ok(base)
+    }
+
+    /// Passes over a member that is not one's own; `ids` are those that the whole type has.
+    ///
+    /// # Errors
+    /// When the type does not have it and the sender says that it must be understood.
+    pub fn skip(&mut self, header: &MemberHeader, ids: &MemberIds) -> Result<(), DecodeError> {
+        if header.must_understand && !ids.contains(header.id) {
             return Err(DecodeError::NotUnderstood { id: header.id });
         }
         self.decoder.position = header.end;
@@ -413,7 +477,7 @@ impl MemberDecoder<'_, '_> {
     ) -> Result<M, DecodeError> {
         match member {
             Some(member) => Ok(member),
-            None if info.must_understand => Err(DecodeError::MissingMember { member: info.name }),
+            None if info.key => Err(DecodeError::MissingMember { member: info.name }),
             None => Ok(default()),
         }
     }

@@ -29,6 +29,17 @@ pub enum EncodeError {
     /// A `char` is an 8-bit character in IDL.
     #[error("the character {0:?} does not fit the 8 bits of an IDL char; use a String")]
     CharOutOfRange(char),
+    /// A `wchar` is one UTF-16 unit.
+    #[error("the character {0:?} does not fit the 16 bits of an IDL wchar; use a WString")]
+    WCharOutOfRange(char),
+    /// A bitset's field has a value of more bits.
+    #[error("the value of `{member}` takes more than its {bits} bits")]
+    BitsExceeded {
+        /// Name of the field as declared.
+        member: &'static str,
+        /// Its bits.
+        bits: u8,
+    },
     /// IDL strings end at their first NUL.
     #[error("a string holds a NUL character, which IDL strings cannot carry")]
     NulInString,
@@ -85,6 +96,9 @@ pub enum DecodeError {
     /// A string is not UTF-8.
     #[error("a string is not valid UTF-8")]
     InvalidUtf8,
+    /// A wide string is not UTF-16, or has a NUL.
+    #[error("a wide string is not valid UTF-16 without a NUL")]
+    InvalidWString,
     /// A key member, or one that must be there, is absent.
     #[error("member `{member}` is missing")]
     MissingMember {
@@ -117,4 +131,20 @@ pub enum DecodeError {
         /// Extensibility of the type here.
         extensibility: Extensibility,
     },
+}
+
+impl DecodeError {
+    /// Whether the bytes are well-formed but no value of the type, which a member may survive (XTypes 7.2.2.7).
+    pub(super) const fn is_about_value(&self) -> bool {
+        matches!(
+            self,
+            Self::BoundExceeded(_)
+                | Self::InvalidBool(_)
+                | Self::InvalidEnum { .. }
+                | Self::UnknownDiscriminator { .. }
+                | Self::InvalidString
+                | Self::InvalidUtf8
+                | Self::InvalidWString
+        )
+    }
 }

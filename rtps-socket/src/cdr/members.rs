@@ -11,9 +11,10 @@ pub struct MemberInfo {
     pub name: &'static str,
     /// Member id, 28 bits.
     pub id: u32,
-    /// A receiver that does not know the member must discard the sample: set for keys. A sample
-    /// without the member is refused.
+    /// A receiver that does not know the member must discard the sample: set for keys.
     pub must_understand: bool,
+    /// It is part of the key: a sample without it is refused.
+    pub key: bool,
 }
 
 /// A type in the place of a struct's member: a [`CdrType`], or an `Option` of one.
@@ -92,6 +93,8 @@ impl<T: CdrType> Member for Option<T> {
 pub trait Bounded {
     /// Bytes of a string, elements of a sequence or map.
     fn bounded_len(&self) -> usize;
+    /// Leaves out what is beyond the bound.
+    fn trim(&mut self, bound: usize);
     /// Adds the largest size that the bound leaves.
     fn add_bounded_key_size(size: &mut KeySize, bound: usize);
     /// As [`CdrType::describe`], with the bound.
@@ -104,6 +107,12 @@ pub trait Bounded {
 impl<B: Bounded> Bounded for Option<B> {
     fn bounded_len(&self) -> usize {
         self.as_ref().map_or(0, B::bounded_len)
+    }
+
+    fn trim(&mut self, bound: usize) {
+        if let Some(value) = self {
+            value.trim(bound);
+        }
     }
 
     fn add_bounded_key_size(size: &mut KeySize, bound: usize) {
@@ -119,6 +128,10 @@ impl<B: Bounded> Bounded for Option<B> {
 impl<B: Bounded> Bounded for Box<B> {
     fn bounded_len(&self) -> usize {
         (**self).bounded_len()
+    }
+
+    fn trim(&mut self, bound: usize) {
+        (**self).trim(bound);
     }
 
     fn add_bounded_key_size(size: &mut KeySize, bound: usize) {
@@ -144,6 +157,19 @@ pub fn check_bound<B: Bounded>(
         return Err(super::BoundExceeded { member, len, bound });
     }
     Ok(())
+}
+
+/// Whether a member is longer than its bound.
+pub fn is_beyond<B: Bounded>(bound: usize, value: &B) -> bool {
+    value.bounded_len() > bound
+}
+
+/// The member as far as its bound goes (XTypes 7.2.2.7, TRIM).
+pub fn trim<B: Bounded>(bound: usize, mut value: B) -> B {
+    if is_beyond(bound, &value) {
+        value.trim(bound);
+    }
+    value
 }
 
 /// The parameter headers of XCDR1, XTypes 7.4.1.2 table 34.

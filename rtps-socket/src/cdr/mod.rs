@@ -33,11 +33,13 @@ mod decoder;
 mod encoder;
 mod error;
 mod fields;
+mod inheritance;
 mod key;
 mod members;
 mod payload;
 mod primitives;
 mod types;
+mod wide;
 
 #[cfg(test)]
 mod tests;
@@ -46,17 +48,19 @@ pub use decoder::{Decoder, MemberDecoder, MemberHeader};
 pub use encoder::{Encoder, MemberEncoder};
 pub use error::{BoundExceeded, DecodeError, EncodeError};
 pub use fields::member_type;
+pub use inheritance::{MemberIds, Struct};
 pub use key::{KeySize, key_hash};
-pub use members::{Bounded, Member, MemberInfo, check_bound};
+pub use members::{Bounded, Member, MemberInfo, check_bound, is_beyond, trim};
 pub use payload::{
     Encapsulation, Representation, from_key_payload, from_payload, key_payload, to_payload,
 };
 pub use rtps_user::filter::{FieldType, Fields, Kind, Value};
 pub use rtps_user::xtypes::{
-    Definition, Extensibility, Literal, StructMember, TypeBuilder, TypePair, TypeSupport,
-    UnionMember,
+    Bitfield, Bitflag, Definition, Extensibility, Literal, StructMember, TryConstruct, TypeBuilder,
+    TypeKind, TypePair, TypeSupport, UnionMember,
 };
 pub use types::{ByteOrder, CdrType, DdsType, LengthCode, Scope, min_struct_size};
+pub use wide::{LongDouble, WChar, WString};
 
 /// How deep aggregated types may nest in one sample, in both directions.
 ///

@@ -129,7 +129,7 @@ macro_rules! cdr_number {
     )*};
 }
 
-primitive!(i8 i16 u16 i32 u32 i64 u64 f32 f64);
+primitive!(i8 i16 u16 i32 u32 i64 u64 u128 f32 f64);
 cdr_number!(Integer, Int: i8 = INT8 i16 = INT16 i32 = INT32 i64 = INT64);
 cdr_number!(Integer, UInt: u8 = BYTE u16 = UINT16 u32 = UINT32 u64 = UINT64);
 cdr_number!(Float32, Float: f32 = FLOAT32);

@@ -57,6 +57,11 @@ impl LengthCode {
         }
     }
 
+    /// Whether all values have the same size.
+    pub(super) const fn is_fixed(self) -> bool {
+        matches!(self, Self::One | Self::Two | Self::Four | Self::Eight)
+    }
+
     /// The code of a sequence whose elements are primitives of `size` bytes.
     pub(super) const fn of_primitive_sequence(size: usize) -> Self {
         match size {

@@ -34,7 +34,8 @@ pub(crate) struct Outbound {
     stuck_at: Option<u64>,
 }
 
-/// How long another app is given to read what is in a full ring. One that runs makes room in less.
+/// How long another app is given, for one burst, to read what is in a full ring. One that runs makes room in less, and
+/// one that reads on purpose so that it is waited for again and again does not stop this app.
 const PATIENCE: Duration = Duration::from_micros(500);
 
 impl Outbound {
@@ -51,8 +52,9 @@ impl Outbound {
     /// Sends datagrams, and wakes the other side if it sleeps. A side that reads more slowly than this one writes is
     /// waited for, but for a moment only. False when it has no room for all then: the rest is left out.
     pub(crate) fn send<'a>(&mut self, mut datagrams: impl Iterator<Item = &'a [u8]>) -> bool {
-        let have_fit =
-            datagrams.all(|datagram| self.producer.put(datagram) || self.put_in_time(datagram));
+        let mut end = None;
+        let have_fit = datagrams
+            .all(|datagram| self.producer.put(datagram) || self.put_in_time(datagram, &mut end));
         self.publish();
         have_fit
     }
@@ -63,14 +65,15 @@ impl Outbound {
         }
     }
 
-    /// Writes a datagram as soon as there is room. Who stands still is waited for only once.
-    fn put_in_time(&mut self, datagram: &[u8]) -> bool {
+    /// Writes a datagram as soon as there is room, until `end`, which is set with the first wait. Who stands still is
+    /// waited for only once.
+    fn put_in_time(&mut self, datagram: &[u8], end: &mut Option<Instant>) -> bool {
         self.publish();
         let consumed = Some(self.producer.consumed());
         if self.stuck_at == consumed {
             return false;
         }
-        let end = Instant::now() + PATIENCE;
+        let end = *end.get_or_insert_with(|| Instant::now() + PATIENCE);
         while !self.producer.put(datagram) {
             if Instant::now() >= end {
                 self.stuck_at = Some(self.producer.consumed());

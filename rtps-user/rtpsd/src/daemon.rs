@@ -133,7 +133,9 @@ fn join_domains(
     loader: &mut Loader,
     now: Instant,
 ) -> Result<Vec<DomainHost>> {
+    let unique: BTreeSet<u32> = options.domains.iter().copied().collect();
     let mut identities = Identities::open(pins)?;
+    identities.forget_others(pins, &unique)?;
     let setting = Setting {
         options,
         peers: &options.all_peers(),
@@ -142,7 +144,6 @@ fn join_domains(
         filter: loader.filter()?,
         now,
     };
-    let unique: BTreeSet<u32> = options.domains.iter().copied().collect();
     unique
         .into_iter()
         .map(|domain| {

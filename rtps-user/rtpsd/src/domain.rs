@@ -139,6 +139,22 @@ impl DomainHost {
         self.layer.set_addresses(now, metatraffic, user);
     }
 
+    /// The interfaces' MTU may have changed: what the kernel sends in somebody's stead it cannot fragment. Others are
+    /// told when they come; what they send before is fragmented by IP.
+    pub(crate) fn set_datagram_size(
+        &mut self,
+        interfaces: &[Interface],
+        kernel: &mut KernelMaps,
+    ) -> Result<()> {
+        let size = rtps_net::datagram_size(interfaces);
+        if std::mem::replace(&mut self.datagram_size, size) == size {
+            return Ok(());
+        }
+        info!(domain = self.id, size, "datagrams have another size");
+        self.layer.set_datagram_size(size);
+        kernel.set_domain(self.identity.domain_index, self.entry())
+    }
+
     /// Reads what came to a socket, up to a burst.
     pub(crate) fn receive(
         &mut self,
@@ -210,14 +226,6 @@ impl DomainHost {
                     self.layer.acknowledged(now, reader, base);
                 }
             }
-        }
-    }
-
-    /// After the first [`drain`](Self::drain), which brings the kernel up to date: forgets what it knows beyond that.
-    pub(crate) fn forget_old_samples(&self, kernel: &mut KernelMaps) {
-        let index = self.identity.domain_index;
-        if let Err(error) = kernel.discovery.forget_old_samples(index) {
-            warn!("{error:#}");
         }
     }
 

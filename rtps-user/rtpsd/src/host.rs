@@ -10,6 +10,7 @@ use anyhow::Result;
 use rtps_ebpf::SlotSet;
 use rtps_ebpf::abi::{APP_ATTACHED, App};
 use rtps_net::Interface;
+use rtps_user::layer::Layer;
 use rtps_user::layer::protocol::{FromLayer, Hello, LAYER_PROTOCOL_VERSION, ToLayer, Welcome};
 use tracing::{debug, error, info, warn};
 
@@ -114,11 +115,22 @@ impl Host {
         }
         host.kernel.fan_outs.forget_others(&host.occupied)?;
         host.drain_all(now);
-        for domain in &host.domains {
-            domain.forget_old_samples(&mut host.kernel);
-        }
+        host.forget_old_entries()?;
         host.give_sign_of_life(now)?;
         Ok(host)
+    }
+
+    /// After the first [`drain_all`](Self::drain_all), which brings the kernel up to date: forgets what it knows beyond
+    /// that, such as what an earlier rtpsd told it of domains that are no longer served.
+    fn forget_old_entries(&mut self) -> Result<()> {
+        let domains = self.domains.iter();
+        let indices: BTreeSet<u32> = domains.map(|domain| domain.identity.domain_index).collect();
+        self.kernel.discovery.forget_others(&indices)?;
+        let layers = || self.domains.iter().map(|domain| &domain.layer);
+        let participants = layers().flat_map(Layer::participants).collect();
+        self.kernel.peers.forget_others(&participants)?;
+        let routes = layers().flat_map(Layer::routed).collect();
+        self.kernel.forget_other_routes(&routes)
     }
 
     /// Takes an app, or says in a sentence why not. Nothing is delivered to it before [`open`](Self::open), unless it
@@ -358,6 +370,9 @@ impl Host {
         }
         for domain in &mut self.domains {
             domain.set_addresses(now, &self.interfaces);
+            if let Err(error) = domain.set_datagram_size(&self.interfaces, &mut self.kernel) {
+                error!("{error:#}");
+            }
         }
         for list in self.kernel.fan_outs.refresh(&self.interfaces) {
             let message = FromLayer::FanOut {
@@ -369,7 +384,8 @@ impl Host {
         self.drain_all(now);
     }
 
-    /// An interface that was removed and made again has another index: it starts anew.
+    /// An interface that was removed and made again has another index: it starts anew. Meanwhile, or without addresses,
+    /// it is none that anybody could be told of.
     fn refresh_interface(&mut self, position: usize, attachment: &mut Attachment) -> Result<()> {
         let Some(known) = self.interfaces.get_mut(position) else {
             return Ok(());
@@ -378,6 +394,7 @@ impl Host {
             Ok(found) => found,
             Err(error) => {
                 debug!("{error}");
+                known.addresses.clear();
                 return Ok(());
             }
         };

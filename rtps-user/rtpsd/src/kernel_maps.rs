@@ -138,6 +138,17 @@ impl KernelMaps {
         }
     }
 
+    /// Forgets the writers that are not among these.
+    pub(crate) fn forget_other_routes(&mut self, writers: &BTreeSet<Guid>) -> Result<()> {
+        let known: Vec<[u8; 16]> = self.routes.keys().collect::<Result<_, _>>()?;
+        for old in known {
+            if !writers.contains(&Guid::from_bytes(old)) {
+                ignore_missing(self.routes.remove(&old)).context("map `routes`")?;
+            }
+        }
+        Ok(())
+    }
+
     /// Has the kernel deliver to an app, whose ring and bell are in place, or notes its changed doorbell.
     pub(crate) fn set_app(&mut self, slot: u8, app: App) -> Result<()> {
         self.apps.set(slot.into(), app, 0).context("map `apps`")

@@ -8,6 +8,7 @@ mod mode;
 mod xdp;
 
 use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use aya::maps::{MapData, MapInfo};
@@ -22,6 +23,9 @@ pub use self::mode::{AttachedMode, WantedMode};
 pub(crate) use self::xdp::XdpHook;
 use crate::pins::{Hook, PinFolder};
 use crate::run_folder::remove_if_there;
+
+/// A link is detached a moment after its pin is gone.
+const DETACHED_WITHIN: Duration = Duration::from_secs(3);
 
 /// The loaded programs. Dropping it leaves everything that is pinned in place.
 pub(crate) struct Loader {
@@ -81,9 +85,17 @@ impl Loader {
                 },
             }
         }
-        self.detach_xdp(interface)?;
+        let patience = if self.detach_xdp(interface)? {
+            DETACHED_WITHIN
+        } else {
+            Duration::ZERO
+        };
+        let end = Instant::now() + patience;
         for &mode in attempts {
-            match mode.xdp().map(|hook| self.attach_xdp(interface, hook)) {
+            match mode
+                .xdp()
+                .map(|hook| self.attach_xdp_until(interface, hook, end))
+            {
                 Some(Ok(())) => return Ok(mode),
                 Some(Err(error)) => refusals.push(format!("{mode}: {error:#}")),
                 None => {}
@@ -100,18 +112,19 @@ impl Loader {
 
     /// Detaches what an earlier rtpsd had attached to interfaces that are no longer asked for.
     pub(crate) fn detach_others(&self, interfaces: &[Interface]) -> Result<()> {
-        self.detach_where(|index, hook| {
-            hook != Hook::FanOut && interfaces.iter().all(|known| known.index != index)
-        })
+        let is_other = |index| interfaces.iter().all(|known| known.index != index);
+        self.detach_where(|index, hook| hook != Hook::FanOut && is_other(index))
+            .map(drop)
     }
 
-    fn detach_where(&self, unwanted: impl Fn(u32, Hook) -> bool) -> Result<()> {
-        for link in self.folder.links()? {
-            if unwanted(link.interface_index, link.hook) {
-                remove_if_there(&link.path)?;
-            }
+    /// Says whether there was anything.
+    fn detach_where(&self, unwanted: impl Fn(u32, Hook) -> bool) -> Result<bool> {
+        let mut links = self.folder.links()?;
+        links.retain(|link| unwanted(link.interface_index, link.hook));
+        for link in &links {
+            remove_if_there(&link.path)?;
         }
-        Ok(())
+        Ok(!links.is_empty())
     }
 
     fn pin_programs(&mut self) -> Result<()> {

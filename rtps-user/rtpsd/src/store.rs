@@ -4,6 +4,8 @@
 //! domain's [`Layer`](rtps_user::layer::Layer) wants kept; a value is its length (4 bytes, host order), the bytes,
 //! and padding.
 
+use std::collections::BTreeSet;
+
 use anyhow::{Context, Result, bail};
 use aya::maps::{HashMap, Map, MapData, MapError};
 use aya_obj::generated::BPF_F_NO_PREALLOC;
@@ -14,6 +16,7 @@ use rtps_user::wire::GuidPrefix;
 
 use crate::kernel_maps::{create, ignore_missing, monotonic_now, nanoseconds};
 use crate::pins::PinFolder;
+use crate::run_folder::remove_if_there;
 
 const IDENTITY: &str = "identity";
 
@@ -96,7 +99,22 @@ impl Identities {
         Ok(Self { map })
     }
 
-    /// Every domain that has been served since the layer was loaded.
+    /// Forgets the domains that are no longer asked for, and their records.
+    pub(crate) fn forget_others(
+        &mut self,
+        folder: &PinFolder,
+        domains: &BTreeSet<u32>,
+    ) -> Result<()> {
+        for (domain, _) in self.all()? {
+            if !domains.contains(&domain) {
+                remove_if_there(&folder.entry(&store_name(domain)))?;
+                ignore_missing(self.map.remove(&domain)).context("map `identity`")?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Every domain that is served.
     pub(crate) fn all(&self) -> Result<Vec<(u32, Identity)>> {
         self.map
             .iter()
@@ -151,7 +169,7 @@ impl Store {
     pub(crate) fn open(folder: &PinFolder, domain: u32) -> Result<Self> {
         let map = open_or_create(
             folder,
-            &format!("store-{domain}"),
+            &store_name(domain),
             32,
             VALUE as u32,
             MAX_RECORDS,
@@ -200,6 +218,10 @@ impl Store {
             .filter_map(|(key, value)| Some((StoreKey(key), unpad(&value)?.to_vec())))
             .collect()
     }
+}
+
+fn store_name(domain: u32) -> String {
+    format!("store-{domain}")
 }
 
 fn pad(content: &[u8]) -> Option<[u8; VALUE]> {

@@ -1,5 +1,6 @@
 //! rtpsd in network namespaces: start, stop, kill, take over, and apps that misbehave.
 
+mod steps;
 mod support;
 
 use std::net::UdpSocket;
@@ -15,6 +16,7 @@ use rtps_user::local;
 use rtps_user::qos::Qos;
 use rtps_user::wire::{EntityId, EntityKind, Guid};
 use rtpsd::AttachedMode;
+use steps::kill_at;
 use support::{AppSocket, Netns, Rtpsd, hello, run, wait_until};
 
 fn welcome(message: FromLayer) -> Welcome {
@@ -467,6 +469,93 @@ fn an_interface_that_comes_back_is_attached_again() {
     assert!(netns.ip("maddr show dev veth0").contains("239.255.0.1"));
     assert!(rtpsd.end(Signal::SIGTERM));
     assert!(netns.is_clean());
+}
+
+#[test]
+fn only_addresses_that_are_there_are_told_of() {
+    let Some((here, there)) = Netns::pair() else {
+        return;
+    };
+    here.ip("link add veth2 type veth peer name veth3");
+    here.ip("link set veth3 up");
+    let give_address = || {
+        here.ip("link set veth2 up");
+        here.ip("addr add 10.98.0.1/24 dev veth2");
+    };
+    give_address();
+    let _rtpsd = Rtpsd::start(&here, &["--iface", "veth2"]);
+    let _other = Rtpsd::start(&there, &[]);
+    let tells_of = |address: &str| {
+        let domains = there.status().domains.into_iter();
+        let mut discovery = domains.filter_map(|domain| domain.discovery);
+        discovery.any(|known| known.to_string().contains(address))
+    };
+    assert!(wait_until(|| tells_of("10.98.0.1") && tells_of("10.99.0.1")));
+    here.ip("addr del 10.98.0.1/24 dev veth2");
+    assert!(wait_until(|| !tells_of("10.98.0.1")));
+    here.ip("addr add 10.98.0.1/24 dev veth2");
+    assert!(wait_until(|| tells_of("10.98.0.1")));
+    here.ip("link del veth2");
+    assert!(wait_until(|| !tells_of("10.98.0.1")));
+    here.ip("link add veth2 type veth peer name veth3");
+    give_address();
+    assert!(wait_until(|| tells_of("10.98.0.1") && tells_of("10.99.0.1")));
+}
+
+#[test]
+fn apps_are_told_of_the_mtu_that_there_is() {
+    let Some(netns) = Netns::new() else { return };
+    let _rtpsd = Rtpsd::start(&netns, &[]);
+    let datagram_size = || {
+        let app = AppSocket::connect(&netns);
+        let (message, _) = app.hello(hello(0, None));
+        welcome(message).datagram_size
+    };
+    assert_eq!(datagram_size(), 1500 - 48);
+    netns.ip("link set veth0 mtu 1300");
+    assert!(wait_until(|| datagram_size() == 1300 - 48));
+}
+
+#[test]
+fn what_is_no_longer_served_is_forgotten() {
+    let Some(netns) = Netns::new() else { return };
+    let rtpsd = Rtpsd::start(&netns, &["--domain", "0", "--domain", "7"]);
+    let before = netns.status().domains;
+    assert!(!rtpsd.end(Signal::SIGKILL));
+    let rtpsd = Rtpsd::start(&netns, &["--domain", "0", "--domain", "9"]);
+    let after = netns.status().domains;
+    let ids: Vec<u32> = after.iter().map(|domain| domain.domain).collect();
+    assert_eq!(ids, [0, 9]);
+    assert_eq!(after[0].prefix, before[0].prefix);
+    let pins = run("ls", &[netns.pins().to_str().unwrap()]);
+    assert!(
+        !pins.contains("store-7") && pins.contains("store-9"),
+        "{pins}"
+    );
+    assert!(!rtpsd.end(Signal::SIGKILL));
+    let _rtpsd = Rtpsd::start(&netns, &["--domain", "7"]);
+    let again = netns.status().domains;
+    assert_ne!(again[0].prefix, before[1].prefix);
+}
+
+#[test]
+fn a_kill_at_any_step_leaves_nothing_that_stays() {
+    /// Not all, for the sake of time; of what is done one after the other, each kind of step.
+    const STRIDE: usize = 11;
+    let Some(netns) = Netns::new() else { return };
+    for step in (1..).step_by(STRIDE) {
+        let was_killed = netns.within(|| kill_at(step));
+        if step % 2 == 1 {
+            netns.within(|| rtpsd::unload().unwrap());
+        } else {
+            assert!(Rtpsd::start(&netns, &[]).end(Signal::SIGTERM));
+        }
+        assert!(netns.is_clean(), "after step {step}");
+        if !was_killed {
+            assert!(step > 5 * STRIDE, "only {step} steps");
+            return;
+        }
+    }
 }
 
 #[test]

@@ -1,13 +1,15 @@
 //! The remote participants and their endpoints, in bounded tables.
 //!
 //! Anyone on the network can claim to be any number of participants. Therefore a participant first counts as
-//! unproven; who answers our discovery traffic is proven. A full table makes room for a new participant only by
-//! forgetting the oldest unproven one, so that a flood of inventions never pushes out a real one. And who is known by
-//! some addresses is not listened to at others.
+//! unproven; who answers our discovery traffic is proven. A full table makes room for a new participant by
+//! forgetting the oldest unproven one, so that a flood of inventions never pushes out a real one. Inventions can be
+//! proven, too, and announce leases that never end: so one address has at most half of a table, and where all are
+//! proven the one goes that was silent for longest, if it was for longer than any stack is. And who is known by some
+//! addresses is not listened to at others.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::IpAddr;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use super::lease::LeaseQueue;
 use super::remote_participant::{Origins, RemoteParticipant, Standing};
@@ -27,6 +29,22 @@ pub(super) enum Announced {
     NoRoom,
 }
 
+/// What became of a participant that has answered our discovery traffic.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+pub(super) enum Proof {
+    /// It is proven from now on.
+    New {
+        /// What it was before.
+        before: Standing,
+        /// The participant that has to make room for it.
+        evicted: Option<GuidPrefix>,
+    },
+    /// It is not known, or was proven before.
+    Old,
+    /// Too many are proven that come from its address: it remains what it was.
+    NoRoom,
+}
+
 /// The tables.
 #[derive(Debug)]
 pub(super) struct Database {
@@ -36,11 +54,17 @@ pub(super) struct Database {
     leases: LeaseQueue,
     /// Unproven participants in the order of their discovery.
     unproven: BTreeSet<(u64, GuidPrefix)>,
+    /// How many participants are proven that come from an address.
+    proven: BTreeMap<IpAddr, usize>,
     discovered: u64,
     endpoints: usize,
 }
 
 impl Database {
+    /// Who was silent for so long may have to make room: whatever lease they announce, stacks announce themselves each
+    /// few seconds, or each 30 s.
+    const SILENCE: Duration = Duration::from_secs(120);
+
     /// Empty tables, of participants whose datagrams come from `origins`.
     pub(super) fn new(limits: DiscoveryLimits, origins: Origins) -> Self {
         Self {
@@ -49,6 +73,7 @@ impl Database {
             participants: BTreeMap::new(),
             leases: LeaseQueue::default(),
             unproven: BTreeSet::new(),
+            proven: BTreeMap::new(),
             discovered: 0,
             endpoints: 0,
         }
@@ -92,6 +117,10 @@ impl Database {
         };
         let is_changed = !known.data.says_the_same(&data);
         if is_changed {
+            if known.is_proven() {
+                leave(&mut self.proven, known.source());
+                *self.proven.entry(source).or_default() += 1;
+            }
             known.update(source, &self.origins, data);
             self.leases.revoke(prefix, &known.lease);
             known.lease = self.leases.grant(now, prefix, known.patience());
@@ -117,10 +146,11 @@ impl Database {
     ) -> Announced {
         let mut evicted = None;
         if self.participants.len() >= self.limits.participants {
-            let Some((_, oldest)) = self.unproven.first() else {
+            let oldest = self.unproven.first().map(|(_, oldest)| *oldest);
+            evicted = oldest.or_else(|| self.find_silent(now, |_| true));
+            if evicted.is_none() {
                 return Announced::NoRoom;
-            };
-            evicted = Some(*oldest);
+            }
         }
         let standing = if is_answered {
             Standing::Pending
@@ -142,7 +172,9 @@ impl Database {
         let prefix = data.prefix;
         let number = self.discovered;
         self.discovered += 1;
-        if standing != Standing::Proven {
+        if standing == Standing::Proven {
+            *self.proven.entry(source).or_default() += 1;
+        } else {
             self.unproven.insert((number, prefix));
         }
         let lease = self.leases.grant(now, prefix, standing.patience(&data));
@@ -164,18 +196,44 @@ impl Database {
         }
     }
 
-    /// The participant has answered our discovery traffic; gives what it was before, where that is new.
-    pub(super) fn prove(&mut self, now: Instant, prefix: GuidPrefix) -> Option<Standing> {
-        let participant = self.participants.get_mut(&prefix)?;
-        let before = std::mem::replace(&mut participant.standing, Standing::Proven);
-        if before == Standing::Proven {
-            return None;
+    /// The participant has answered our discovery traffic. An evicted participant is still there, for the caller to
+    /// remove with all that hangs on it.
+    pub(super) fn prove(&mut self, now: Instant, prefix: GuidPrefix) -> Proof {
+        let known = self.get(prefix).filter(|known| !known.is_proven());
+        let Some(source) = known.map(RemoteParticipant::source) else {
+            return Proof::Old;
+        };
+        let of_source = self.proven.get(&source).copied().unwrap_or_default();
+        let mut evicted = None;
+        if of_source >= self.limits.participants / 2 {
+            evicted = self.find_silent(now, |known| known.source() == source);
+            if evicted.is_none() {
+                return Proof::NoRoom;
+            }
         }
+        let Some(participant) = self.participants.get_mut(&prefix) else {
+            return Proof::Old;
+        };
+        let before = std::mem::replace(&mut participant.standing, Standing::Proven);
         participant.settle(&self.origins);
         self.leases.revoke(prefix, &participant.lease);
         participant.lease = self.leases.grant(now, prefix, participant.patience());
         self.unproven.remove(&(participant.number, prefix));
-        Some(before)
+        *self.proven.entry(source).or_default() += 1;
+        Proof::New { before, evicted }
+    }
+
+    /// The participant, of those that are proven, that gave no sign of life for longest, if that is long.
+    fn find_silent(
+        &self,
+        now: Instant,
+        is_eligible: impl Fn(&RemoteParticipant) -> bool,
+    ) -> Option<GuidPrefix> {
+        let mut silent = self.leases.silent_since(now.checked_sub(Self::SILENCE)?);
+        silent.find(|prefix| {
+            let known = self.get(*prefix).filter(|known| known.is_proven());
+            known.is_some_and(&is_eligible)
+        })
     }
 
     /// Notes whether an app waits for signs of life of its writers.
@@ -189,6 +247,9 @@ impl Database {
     pub(super) fn remove(&mut self, prefix: GuidPrefix) -> Option<RemoteParticipant> {
         let participant = self.participants.remove(&prefix)?;
         self.leases.revoke(prefix, &participant.lease);
+        if participant.is_proven() {
+            leave(&mut self.proven, participant.source());
+        }
         self.unproven.remove(&(participant.number, prefix));
         self.endpoints -= participant.endpoints.len();
         Some(participant)
@@ -206,17 +267,30 @@ impl Database {
 
     /// Adds or replaces an endpoint of a known participant; false where there is no room.
     pub(super) fn insert_endpoint(&mut self, data: EndpointData) -> bool {
-        let Some(participant) = self.participants.get_mut(&data.guid.prefix) else {
+        let Some(participant) = self.get(data.guid.prefix) else {
             return false;
         };
         let is_known = participant.endpoints.contains_key(&data.guid.entity);
         let has_room = participant.endpoints.len() < self.limits.endpoints_per_participant
-            && self.endpoints < self.limits.endpoints;
+            && self.has_room_for_endpoints(participant.source());
+        let Some(participant) = self.participants.get_mut(&data.guid.prefix) else {
+            return false;
+        };
         if is_known || has_room {
             participant.endpoints.insert(data.guid.entity, data);
             self.endpoints += usize::from(!is_known);
         }
         is_known || has_room
+    }
+
+    /// Half of the table is for all, the other half for those whose address does not have a half.
+    fn has_room_for_endpoints(&self, source: IpAddr) -> bool {
+        let share = self.limits.endpoints / 2;
+        self.endpoints < share
+            || self.endpoints < self.limits.endpoints && {
+                let of_source = self.iter().filter(|known| known.source() == source);
+                of_source.map(|known| known.endpoints.len()).sum::<usize>() < share
+            }
     }
 
     /// Forgets an endpoint; tells whether it was there.
@@ -227,6 +301,16 @@ impl Database {
             .and_then(|participant| participant.endpoints.remove(&guid.entity));
         self.endpoints -= usize::from(removed.is_some());
         removed.is_some()
+    }
+}
+
+/// One participant less is proven that comes from an address.
+fn leave(proven: &mut BTreeMap<IpAddr, usize>, source: IpAddr) {
+    if let Some(count) = proven.get_mut(&source) {
+        *count -= 1;
+        if *count == 0 {
+            proven.remove(&source);
+        }
     }
 }
 
@@ -261,7 +345,7 @@ mod tests {
         for number in [1, 2] {
             database.announce(now, SOURCE, data(number), false);
         }
-        assert!(database.prove(now, GuidPrefix([1; 12])).is_some());
+        prove(&mut database, now, 1);
         let mut evictions = Vec::new();
         for number in 3..=9 {
             match database.announce(now, ELSEWHERE, data(number), false) {
@@ -273,14 +357,80 @@ mod tests {
             }
         }
         assert_eq!(evictions, [2, 3, 4, 5, 6, 7]);
-        for number in [8, 9] {
-            database.prove(now, GuidPrefix([number; 12]));
-        }
-        assert_eq!(
-            database.announce(now, ELSEWHERE, data(10), false),
-            Announced::NoRoom
-        );
         assert_eq!(database.iter().count(), 3);
+    }
+
+    fn prove(database: &mut Database, now: Instant, number: u8) -> Proof {
+        let prefix = GuidPrefix([number; 12]);
+        let proof = database.prove(now, prefix);
+        if let Proof::New {
+            evicted: Some(evicted),
+            ..
+        } = proof
+        {
+            database.remove(evicted);
+        }
+        proof
+    }
+
+    /// With the proven participants 1 to 3, of an address each, which want to be remembered for ever.
+    fn full(now: Instant) -> Database {
+        let mut database = database(3);
+        for number in 1..=3 {
+            let mut data = data(number);
+            data.lease = crate::wire::Duration::INFINITE;
+            database.announce(now, [10, 0, 0, number].into(), data, false);
+            prove(&mut database, now, number);
+        }
+        database
+    }
+
+    #[test]
+    fn the_proven_make_room_only_when_they_have_fallen_silent() {
+        let now = Instant::now();
+        let mut database = full(now);
+        let announced =
+            |database: &mut Database, at| database.announce(now + at, ELSEWHERE, data(4), false);
+        let soon = Database::SILENCE - Duration::from_secs(1);
+        assert_eq!(announced(&mut database, soon), Announced::NoRoom);
+        for alive in [1, 3] {
+            database.renew(now + soon, GuidPrefix([alive; 12]));
+        }
+        let evicted = Some(GuidPrefix([2; 12]));
+        assert_eq!(
+            announced(&mut database, Database::SILENCE),
+            Announced::New { evicted }
+        );
+    }
+
+    #[test]
+    fn one_address_has_half_of_the_table() {
+        let now = Instant::now();
+        let mut database = database(6);
+        for number in 1..=6 {
+            database.announce(now, ELSEWHERE, data(number), false);
+        }
+        for number in 1..=3 {
+            let before = Standing::Unproven;
+            let evicted = None;
+            assert_eq!(
+                prove(&mut database, now, number),
+                Proof::New { before, evicted }
+            );
+        }
+        assert_eq!(prove(&mut database, now, 4), Proof::NoRoom);
+        assert_eq!(prove(&mut database, now, 3), Proof::Old);
+        let later = now + Database::SILENCE;
+        database.renew(later, GuidPrefix([1; 12]));
+        database.renew(later, GuidPrefix([3; 12]));
+        let (before, evicted) = (Standing::Unproven, Some(GuidPrefix([2; 12])));
+        assert_eq!(
+            prove(&mut database, later, 4),
+            Proof::New { before, evicted }
+        );
+        assert_eq!(prove(&mut database, later, 5), Proof::NoRoom);
+        database.announce(later, SOURCE, data(7), false);
+        assert_ne!(prove(&mut database, later, 7), Proof::NoRoom);
     }
 
     #[test]
@@ -342,7 +492,7 @@ mod tests {
         let user = |database: &Database| database.get(prefix).map(|known| known.user.clone());
         assert_eq!(user(&database), Some(vec![SocketAddr::new(SOURCE, 7411)]));
         assert_eq!(database.poll_timeout(), Some(now + UNPROVEN_LEASE));
-        assert_eq!(database.prove(now, prefix), Some(Standing::Unproven));
+        assert_ne!(database.prove(now, prefix), Proof::Old);
         assert_eq!(user(&database), Some(vec![elsewhere]));
         assert_eq!(database.poll_timeout(), None);
     }
@@ -352,7 +502,7 @@ mod tests {
         let limits = DiscoveryLimits {
             participants: 9,
             endpoints_per_participant: 2,
-            endpoints: 3,
+            endpoints: 4,
         };
         let mut database = Database::new(limits, Origins::new(vec![OWN], true));
         let insert = |database: &mut Database, participant, entity| {
@@ -369,16 +519,18 @@ mod tests {
             })
         };
         assert!(!insert(&mut database, 1, 1), "unknown participant");
-        for number in [1, 2] {
-            database.announce(Instant::now(), SOURCE, data(number), false);
+        for (number, source) in [(1, SOURCE), (2, ELSEWHERE), (3, SOURCE), (4, OWN)] {
+            database.announce(Instant::now(), source, data(number), false);
         }
         assert!(insert(&mut database, 1, 1));
         assert!(insert(&mut database, 1, 2));
         assert!(insert(&mut database, 1, 2), "known");
         assert!(!insert(&mut database, 1, 3), "of one participant");
+        assert!(!insert(&mut database, 3, 1), "of one address");
         assert!(insert(&mut database, 2, 1));
-        assert!(!insert(&mut database, 2, 2), "in all");
-        database.remove(GuidPrefix([1; 12]));
         assert!(insert(&mut database, 2, 2));
+        assert!(!insert(&mut database, 4, 1), "in all");
+        database.remove(GuidPrefix([1; 12]));
+        assert!(insert(&mut database, 4, 1));
     }
 }

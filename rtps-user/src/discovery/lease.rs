@@ -29,6 +29,8 @@ impl Lease {
 #[derive(Debug, Default)]
 pub(super) struct LeaseQueue {
     ends: BTreeSet<(Instant, GuidPrefix)>,
+    /// The last signs of life in their order.
+    seen: BTreeSet<(Instant, GuidPrefix)>,
     /// When it was looked for leases that have ended.
     checked: Option<Instant>,
 }
@@ -55,6 +57,7 @@ impl LeaseQueue {
 
     /// Ends a lease.
     pub(super) fn revoke(&mut self, participant: GuidPrefix, lease: &Lease) {
+        self.seen.remove(&(lease.seen, participant));
         if let Some(queued) = lease.queued {
             self.ends.remove(&(queued, participant));
         }
@@ -63,8 +66,8 @@ impl LeaseQueue {
     /// A sign of life, perhaps an old one.
     pub(super) fn renew(&mut self, at: Instant, participant: GuidPrefix, lease: &mut Lease) {
         if at > lease.seen {
-            lease.seen = at;
             self.revoke(participant, lease);
+            lease.seen = at;
             self.queue(participant, lease);
         }
     }
@@ -89,7 +92,14 @@ impl LeaseQueue {
         Some(next.map_or(*end, |next| next.max(*end)))
     }
 
+    /// The participants with leases that were last seen at `at` or before, the one that is silent for longest first.
+    pub(super) fn silent_since(&self, at: Instant) -> impl Iterator<Item = GuidPrefix> {
+        let silent = self.seen.iter().take_while(move |(seen, _)| *seen <= at);
+        silent.map(|(_, participant)| *participant)
+    }
+
     fn queue(&mut self, participant: GuidPrefix, lease: &mut Lease) {
+        self.seen.insert((lease.seen, participant));
         lease.queued = lease.end();
         if let Some(end) = lease.queued {
             self.ends.insert((end, participant));
@@ -112,6 +122,9 @@ mod tests {
         queue.renew(start + 4 * second, PARTICIPANT, &mut lease);
         queue.renew(start + 2 * second, PARTICIPANT, &mut lease);
         assert_eq!(queue.poll_timeout(), Some(start + 14 * second));
+        let silent_since = |at| queue.silent_since(start + at).collect::<Vec<_>>();
+        assert_eq!(silent_since(3 * second), []);
+        assert_eq!(silent_since(4 * second), [PARTICIPANT]);
         assert_eq!(queue.take_ended(start + 13 * second), []);
         assert_eq!(queue.take_ended(start + 14 * second), [PARTICIPANT]);
         assert_eq!(queue.poll_timeout(), None);

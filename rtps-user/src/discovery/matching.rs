@@ -399,6 +399,8 @@ mod tests {
             types.define("ShapeType", |_| {
                 Some(Definition::Struct {
                     extensibility: Extensibility::Final,
+                    autoid_hash: false,
+                    base: None,
                     members,
                 })
             })
@@ -407,13 +409,7 @@ mod tests {
 
     #[test]
     fn types_that_are_learned_decide() {
-        let x = StructMember {
-            name: "x",
-            id: 0,
-            key: false,
-            optional: false,
-            member_type: TypePair::primitive(TypeKind::INT32),
-        };
+        let x = StructMember::new("x", 0, TypePair::primitive(TypeKind::INT32));
         let (ours, theirs) = (described(vec![x]), described(Vec::new()));
         let (mut matchmaker, mut reader, mut writer) = pair();
         reader.type_information = ours.information;

@@ -12,8 +12,8 @@ use super::parameters::{
 };
 use crate::qos::parameters::{USER_DATA, read_octets, write_octets};
 use crate::wire::{
-    Cursor, Duration, EntityId, Guid, GuidPrefix, Parameter, ParameterId, ParameterList,
-    ParameterWriter, VendorId, WireError,
+    Cursor, Duration, EntityId, Guid, GuidPrefix, PROTOCOL_VERSION, Parameter, ParameterId,
+    ParameterList, ParameterWriter, ProtocolVersion, VendorId, WireError,
 };
 
 /// Which built-in endpoints a participant has: BuiltinEndpointSet_t (RTPS table 9.6).
@@ -71,6 +71,8 @@ impl BuiltinEndpointSet {
 pub struct ParticipantData {
     /// The first part of the GUIDs of all its entities.
     pub prefix: GuidPrefix,
+    /// The protocol that it speaks.
+    pub version: ProtocolVersion,
     /// Whose implementation it is.
     pub vendor: VendorId,
     /// Its domain, where it says one.
@@ -111,6 +113,7 @@ impl ParticipantData {
     pub fn new(prefix: GuidPrefix) -> Self {
         Self {
             prefix,
+            version: PROTOCOL_VERSION,
             vendor: VendorId::UNKNOWN,
             domain: None,
             domain_tag: String::new(),
@@ -124,6 +127,11 @@ impl ParticipantData {
             expects_inline_qos: false,
             lease: Self::DEFAULT_LEASE,
         }
+    }
+
+    /// Whether it may be Cyclone DDS 0.10, which has no choice but to say that it speaks RTPS 2.1; 11 speaks 2.5.
+    pub fn is_cyclone_0_10(&self) -> bool {
+        self.vendor == VendorId::CYCLONE_DDS && self.version < PROTOCOL_VERSION
     }
 
     /// Reads a serialized payload. Unknown parameters are skipped, unless they must be understood.
@@ -141,7 +149,11 @@ impl ParticipantData {
 
     fn read(&mut self, id: ParameterId, value: &mut Cursor<'_>) -> Result<bool, WireError> {
         match id {
-            PARTICIPANT_GUID | PROTOCOL_VERSION_ID => {}
+            PARTICIPANT_GUID => {}
+            PROTOCOL_VERSION_ID => {
+                let [major, minor] = value.array()?;
+                self.version = ProtocolVersion { major, minor };
+            }
             VENDOR_ID => self.vendor = VendorId(value.array()?),
             DOMAIN_ID => self.domain = Some(value.u32()?),
             DOMAIN_TAG => self.domain_tag = value.string()?.to_owned(),
@@ -301,6 +313,22 @@ mod tests {
             }
             let _ = ParticipantData::decode(&bytes);
         }
+    }
+
+    /// As they begin their announcements: 0.10.2 of Debian and 11.0.1 of PyPI.
+    #[test]
+    fn versions_of_cyclone_are_told_apart() {
+        for (minor, expected) in [(1, true), (5, false)] {
+            let mut bytes = vec![
+                0, 3, 0, 0, 0x15, 0, 4, 0, 2, minor, 0, 0, 0x16, 0, 4, 0, 1, 16, 0, 0,
+            ];
+            bytes.extend_from_slice(&[0x50, 0, 16, 0]);
+            bytes.extend_from_slice(&[7; 12]);
+            bytes.extend_from_slice(&[0, 0, 1, 0xc1, 1, 0, 0, 0]);
+            let data = ParticipantData::decode(&bytes).unwrap();
+            assert_eq!(data.is_cyclone_0_10(), expected);
+        }
+        assert!(!ParticipantData::new(GuidPrefix([1; 12])).is_cyclone_0_10());
     }
 
     #[test]

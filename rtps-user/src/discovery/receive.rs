@@ -4,7 +4,7 @@ use std::net::SocketAddr;
 use std::time::{Duration, Instant};
 
 use super::builtin;
-use super::database::Announced;
+use super::database::{Announced, Proof};
 use super::remote_participant::Standing;
 use super::sedp::{SedpSample, read_sedp};
 use super::spdp::{SpdpSample, read_spdp};
@@ -99,19 +99,32 @@ impl Discovery {
             }
             return;
         }
-        // Who takes part in the reliable protocol and names us has got something from us: it is no mere invention.
+        // Who takes part in the reliable protocol and names us has got something from us: it is no mere invention. So
+        // has who acknowledges. Some small stacks do that without INFO_DST.
         let is_builtin = received
             .submessage
             .sender()
             .is_some_and(EntityId::is_builtin);
-        if is_builtin && received.is_directed {
+        let is_answer =
+            received.is_directed || matches!(received.submessage, Submessage::AckNack(_));
+        if is_builtin && is_answer {
             self.prove(now, from);
         }
     }
 
     fn prove(&mut self, now: Instant, prefix: GuidPrefix) {
-        let Some(before) = self.database.prove(now, prefix) else {
-            return;
+        let before = match self.database.prove(now, prefix) {
+            Proof::Old => return,
+            Proof::NoRoom => {
+                self.refused.participants += 1;
+                return;
+            }
+            Proof::New { before, evicted } => {
+                if let Some(evicted) = evicted {
+                    self.evict(now, evicted);
+                }
+                before
+            }
         };
         let is_new = before == Standing::Pending;
         self.events
@@ -164,8 +177,7 @@ impl Discovery {
             Announced::Changed => false,
             Announced::New { evicted } => {
                 if let Some(evicted) = evicted {
-                    self.refused.participants += 1;
-                    self.remove_participant(now, evicted);
+                    self.evict(now, evicted);
                 }
                 true
             }
@@ -179,6 +191,12 @@ impl Discovery {
         self.match_participant(now, prefix);
         self.events
             .push_back(DiscoveryEvent::ParticipantFound { prefix, is_new });
+    }
+
+    /// Forgets a participant that another has to have room for.
+    fn evict(&mut self, now: Instant, prefix: GuidPrefix) {
+        self.refused.participants += 1;
+        self.remove_participant(now, prefix);
     }
 
     /// Takes what the built-in endpoints have.

@@ -9,7 +9,7 @@ use super::store::{Record, StoreKey};
 use super::{KernelChange, Layer};
 use crate::RemoteEndpoint;
 use crate::discovery::{DiscoveryEvent, MatchChange, Outcome};
-use crate::wire::{EntityId, Guid, GuidPrefix, SequenceNumber, VendorId};
+use crate::wire::{EntityId, Guid, GuidPrefix, SequenceNumber};
 
 /// How much of USER_DATA, TOPIC_DATA and GROUP_DATA a message to an app has room for beside names and partitions,
 /// which are parameters and no longer than 64 KiB each.
@@ -31,7 +31,7 @@ impl Layer {
                     manual,
                 } => self.tell_liveliness(participant, manual),
                 DiscoveryEvent::TypesRequested(request) => {
-                    let reply = request.answer(self.matchmaker.types(), self.has_cyclone());
+                    let reply = request.answer(self.matchmaker.types(), self.has_cyclone_0_10());
                     self.discovery.reply_to_lookup(reply);
                 }
                 DiscoveryEvent::TypesFound(objects) => {
@@ -70,10 +70,10 @@ impl Layer {
         }
     }
 
-    /// Whether a participant of Cyclone DDS is there.
-    fn has_cyclone(&self) -> bool {
+    /// Whether a participant is there that some TypeObjects would crash.
+    fn has_cyclone_0_10(&self) -> bool {
         let mut participants = self.discovery.participants();
-        participants.any(|remote| remote.data.vendor == VendorId::CYCLONE_DDS)
+        participants.any(|remote| remote.data.is_cyclone_0_10())
     }
 
     /// Tells the low-level layer and the apps what has changed.

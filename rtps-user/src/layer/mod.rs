@@ -225,6 +225,11 @@ impl Layer {
             .map(|participant| participant.data.prefix)
     }
 
+    /// The writers that the low-level layer has a route of.
+    pub fn routed(&self) -> impl Iterator<Item = Guid> {
+        self.routes.keys().copied()
+    }
+
     /// The low-level layer saw traffic of a participant at `at`: its lease holds from then. To be said before
     /// [`handle_timeout`](Self::handle_timeout), which ends leases.
     pub fn seen(&mut self, at: Instant, participant: GuidPrefix) {
@@ -238,20 +243,27 @@ impl Layer {
         self.settle();
     }
 
-    /// The host has other addresses than before: tells the remote participants. What is no change is not told.
+    /// The host has other addresses than before: tells the remote participants. What is no change is not told, and
+    /// neither is that there are none: nobody would hear that, and those that come may be those of before.
     pub fn set_addresses(
         &mut self,
         now: Instant,
         metatraffic: Vec<SocketAddr>,
         user: Vec<SocketAddr>,
     ) {
-        if self.config.metatraffic == metatraffic && self.config.user == user {
+        let is_same = self.config.metatraffic == metatraffic && self.config.user == user;
+        if is_same || metatraffic.is_empty() {
             return;
         }
         self.config.metatraffic = metatraffic;
         self.config.user = user;
         self.announce_participant(now);
         self.settle();
+    }
+
+    /// The most bytes of a datagram are others than before, as apps that come from now on are told.
+    pub fn set_datagram_size(&mut self, size: u16) {
+        self.config.datagram_size = size;
     }
 
     /// Tells what has changed in the configuration.

@@ -14,7 +14,7 @@ use crate::qos::{ContentFilter, PolicyId, Qos};
 use crate::wire::{EntityId, Guid, GuidPrefix};
 
 /// Changes with every incompatible change of this file.
-pub const LAYER_PROTOCOL_VERSION: u32 = 5;
+pub const LAYER_PROTOCOL_VERSION: u32 = 6;
 
 /// The longest encoded value, in bytes; longer ones are refused before they are read.
 pub const MAX_PROTOCOL_MESSAGE: usize = 128 * 1024;

@@ -1,5 +1,7 @@
 //! A message: its header and the list of its submessages (RTPS 2.5 sections 9.4.4 and 9.4.5.1).
 
+use serde::{Deserialize, Serialize};
+
 use super::{Cursor, Endianness, GuidPrefix, Submessage, SubmessageKind, VendorId, WireError};
 
 /// Bytes of the message header.
@@ -12,7 +14,7 @@ pub const PROTOCOL_VERSION: ProtocolVersion = ProtocolVersion { major: 2, minor:
 const MAGIC: [u8; 4] = *b"RTPS";
 
 /// ProtocolVersion_t.
-#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+#[derive(Clone, Copy, Debug, Deserialize, Eq, Ord, PartialEq, PartialOrd, Serialize)]
 pub struct ProtocolVersion {
     /// Only 2 is understood.
     pub major: u8,

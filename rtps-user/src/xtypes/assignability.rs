@@ -252,11 +252,46 @@ impl Comparison<'_> {
                 || differing & IS_KEY != 0
                 || differing & IS_OPTIONAL != 0 && !is_mutable
                 || !self.compare(&reader.type_id, &writer.type_id)
+                || reader.flags & IS_KEY != 0 && !self.holds_keys(&reader.type_id, &writer.type_id)
             {
                 return false;
             }
         }
         common > 0 || writer.is_empty() && reader.is_empty()
+    }
+
+    /// Whether a key of the reader can have all values of the writer's, whatever the policy ignores: two instances would
+    /// be one otherwise.
+    fn holds_keys(&mut self, reader: &TypeIdentifier, writer: &TypeIdentifier) -> bool {
+        use TypeIdentifier::{Hash, Map, Sequence, String};
+        match (reader, writer) {
+            (
+                String { bound, .. },
+                String {
+                    bound: of_writer, ..
+                },
+            )
+            | (
+                Sequence { bound, .. },
+                Sequence {
+                    bound: of_writer, ..
+                },
+            )
+            | (
+                Map { bound, .. },
+                Map {
+                    bound: of_writer, ..
+                },
+            ) => fits(*of_writer, *bound, false),
+            (Hash(reader), Hash(writer)) => match (self.resolve(*reader), self.resolve(*writer)) {
+                (Some(MinimalType::Enum(reader)), Some(MinimalType::Enum(writer))) => {
+                    let has = |value| reader.literals.iter().any(|(known, _)| *known == value);
+                    writer.literals.iter().all(|(value, _)| has(*value))
+                }
+                _ => true,
+            },
+            _ => true,
+        }
     }
 
     /// Whether the writer's type may lack or have members that the reader's does not, where it does.

@@ -1,7 +1,7 @@
 //! What a constructed type consists of, and the TypeObjects that say so (XTypes 7.3.4.4 and 7.3.4.5).
 
 use super::builder::TypePair;
-use super::identifier::{Equivalence, TRY_CONSTRUCT_DISCARD, TypeIdentifier, TypeKind, name_hash};
+use super::identifier::{Equivalence, TypeIdentifier, TypeKind, name_hash};
 use super::xcdr::Writer;
 
 /// How a type may evolve, XTypes 7.2.3; the value is the TypeFlag.
@@ -15,6 +15,18 @@ pub enum Extensibility {
     Mutable = 4,
 }
 
+/// What becomes of a member whose value cannot be one of the reader's type, XTypes 7.2.2.7; the value is the MemberFlag.
+#[derive(Clone, Copy, Debug, Default, Eq, PartialEq)]
+pub enum TryConstruct {
+    /// What holds it cannot be constructed either: in the end, the sample is lost.
+    #[default]
+    Discard = 1,
+    /// It has its default.
+    UseDefault = 2,
+    /// A string or collection is cut to its bound.
+    Trim = 3,
+}
+
 /// A member of a struct.
 #[derive(Clone, Debug)]
 pub struct StructMember {
@@ -24,10 +36,36 @@ pub struct StructMember {
     pub id: u32,
     /// It is part of the key, and so must be understood.
     pub key: bool,
+    /// Who does not know it discards the sample.
+    pub must_understand: bool,
     /// It may be absent.
     pub optional: bool,
+    /// It is stored apart from what holds it.
+    pub external: bool,
+    /// What a value that does not fit becomes.
+    pub try_construct: TryConstruct,
+    /// The name that its id was made of, empty for its own.
+    pub hash_id: Option<&'static str>,
     /// Its type.
     pub member_type: TypePair,
+}
+
+impl StructMember {
+    /// A member without annotations.
+    #[must_use]
+    pub fn new(name: &'static str, id: u32, member_type: TypePair) -> Self {
+        Self {
+            name,
+            id,
+            key: false,
+            must_understand: false,
+            optional: false,
+            external: false,
+            try_construct: TryConstruct::Discard,
+            hash_id: None,
+            member_type,
+        }
+    }
 }
 
 /// A member of a union.
@@ -56,6 +94,28 @@ pub struct Literal {
     pub default: bool,
 }
 
+/// A flag of a bitmask.
+#[derive(Clone, Copy, Debug)]
+pub struct Bitflag {
+    /// Its name.
+    pub name: &'static str,
+    /// Its bit, 0 being the least significant.
+    pub position: u16,
+}
+
+/// A field of a bitset.
+#[derive(Clone, Copy, Debug)]
+pub struct Bitfield {
+    /// Its name.
+    pub name: &'static str,
+    /// Its least significant bit.
+    pub position: u16,
+    /// How many bits it has.
+    pub bits: u8,
+    /// The type of its values.
+    pub holder: TypeKind,
+}
+
 /// A constructed type.
 #[derive(Clone, Debug)]
 pub enum Definition {
@@ -63,6 +123,10 @@ pub enum Definition {
     Struct {
         /// How it may evolve.
         extensibility: Extensibility,
+        /// Ids without annotation are hashes of the names.
+        autoid_hash: bool,
+        /// The struct whose members come first.
+        base: Option<TypePair>,
         /// Its members.
         members: Vec<StructMember>,
     },
@@ -84,13 +148,28 @@ pub enum Definition {
         /// Its values.
         literals: Vec<Literal>,
     },
+    /// Another name of a type.
+    Alias(TypePair),
+    /// Flags in an unsigned integer.
+    Bitmask {
+        /// Bits of the integer.
+        bit_bound: u16,
+        /// The flags.
+        flags: Vec<Bitflag>,
+    },
+    /// Small numbers in an unsigned integer.
+    Bitset(Vec<Bitfield>),
 }
 
+pub(super) const TK_ALIAS: u8 = 0x30;
 pub(super) const TK_ENUM: u8 = 0x40;
 pub(super) const TK_BITMASK: u8 = 0x41;
 pub(super) const TK_STRUCTURE: u8 = 0x51;
 pub(super) const TK_UNION: u8 = 0x52;
+const TK_BITSET: u8 = 0x53;
 
+const IS_AUTOID_HASH: u16 = 1 << 4;
+const IS_EXTERNAL: u16 = 1 << 2;
 pub(super) const IS_OPTIONAL: u16 = 1 << 3;
 pub(super) const IS_MUST_UNDERSTAND: u16 = 1 << 4;
 pub(super) const IS_KEY: u16 = 1 << 5;
@@ -110,8 +189,13 @@ impl Definition {
             match self {
                 Self::Struct {
                     extensibility,
+                    autoid_hash,
+                    base,
                     members,
-                } => form.structure(*extensibility, members),
+                } => {
+                    let flags = *extensibility as u16 | flag(*autoid_hash, IS_AUTOID_HASH);
+                    form.structure(flags, base.as_ref(), members);
+                }
                 Self::Union {
                     extensibility,
                     discriminator,
@@ -122,6 +206,9 @@ impl Definition {
                     bit_bound,
                     literals,
                 } => form.enumeration(*extensibility, *bit_bound, literals),
+                Self::Alias(aliased) => form.alias(aliased),
+                Self::Bitmask { bit_bound, flags } => form.bitmask(*bit_bound, flags),
+                Self::Bitset(fields) => form.bitset(fields),
             }
         });
         w.finish()
@@ -136,16 +223,19 @@ struct Form<'a> {
 }
 
 impl Form<'_> {
-    fn structure(&mut self, extensibility: Extensibility, members: &[StructMember]) {
+    fn structure(&mut self, flags: u16, base: Option<&TypePair>, members: &[StructMember]) {
         let Self {
             w,
             name,
             equivalence,
         } = self;
         w.u8(TK_STRUCTURE);
-        w.u16(extensibility as u16);
+        w.u16(flags);
         w.delimited(|w| {
-            TypeIdentifier::Primitive(TypeKind::NONE).write(w);
+            match base {
+                Some(base) => base.of(*equivalence).write(w),
+                None => TypeIdentifier::Primitive(TypeKind::NONE).write(w),
+            }
             write_type_detail(w, name, *equivalence);
         });
         // In the order of declaration, as other implementations have it, also where the standard says by id.
@@ -154,7 +244,7 @@ impl Form<'_> {
                 w.u32(member.id);
                 w.u16(flags_of(member));
                 member.member_type.of(*equivalence).write(w);
-                write_member_detail(w, member.name, *equivalence);
+                write_struct_member_detail(w, member, *equivalence);
             });
         });
     }
@@ -174,7 +264,7 @@ impl Form<'_> {
         w.u16(extensibility as u16);
         w.delimited(|w| write_type_detail(w, name, *equivalence));
         w.delimited(|w| {
-            w.u16(TRY_CONSTRUCT_DISCARD | IS_MUST_UNDERSTAND);
+            w.u16(TryConstruct::Discard as u16 | IS_MUST_UNDERSTAND);
             discriminator.of(*equivalence).write(w);
             if *equivalence == Equivalence::Complete {
                 write_no_annotations(w);
@@ -183,7 +273,7 @@ impl Form<'_> {
         w.sequence(members.iter(), |w, member| {
             w.delimited(|w| {
                 w.u32(member.id);
-                w.u16(TRY_CONSTRUCT_DISCARD | flag(member.default, IS_DEFAULT));
+                w.u16(TryConstruct::Discard as u16 | flag(member.default, IS_DEFAULT));
                 member.member_type.of(*equivalence).write(w);
                 w.len(member.labels.len());
                 member.labels.iter().for_each(|label| w.i32(*label));
@@ -217,11 +307,77 @@ impl Form<'_> {
             });
         });
     }
+
+    fn alias(&mut self, aliased: &TypePair) {
+        let Self {
+            w,
+            name,
+            equivalence,
+        } = self;
+        w.u8(TK_ALIAS);
+        w.u16(0);
+        w.delimited(|w| write_type_detail(w, name, *equivalence));
+        w.delimited(|w| {
+            w.u16(0);
+            aliased.of(*equivalence).write(w);
+            if *equivalence == Equivalence::Complete {
+                write_no_annotations(w);
+            }
+        });
+    }
+
+    fn bitmask(&mut self, bit_bound: u16, flags: &[Bitflag]) {
+        let Self {
+            w,
+            name,
+            equivalence,
+        } = self;
+        w.u8(TK_BITMASK);
+        w.delimited(|w| {
+            // As for enumerations, Cyclone DDS compares flags that the standard leaves unused.
+            w.u16(Extensibility::Final as u16);
+            w.delimited(|w| {
+                w.u16(bit_bound);
+                write_type_detail(w, name, *equivalence);
+            });
+            w.sequence(flags.iter(), |w, bit| {
+                w.delimited(|w| {
+                    w.u16(bit.position);
+                    w.u16(0);
+                    write_member_detail(w, bit.name, *equivalence);
+                });
+            });
+        });
+    }
+
+    fn bitset(&mut self, fields: &[Bitfield]) {
+        let Self {
+            w,
+            name,
+            equivalence,
+        } = self;
+        w.u8(TK_BITSET);
+        w.delimited(|w| {
+            w.u16(Extensibility::Final as u16);
+            w.delimited(|w| write_type_detail(w, name, *equivalence));
+            w.sequence(fields.iter(), |w, field| {
+                w.delimited(|w| {
+                    w.u16(field.position);
+                    w.u16(0);
+                    w.u8(field.bits);
+                    w.u8(field.holder.0);
+                    write_member_detail(w, field.name, *equivalence);
+                });
+            });
+        });
+    }
 }
 
 fn flags_of(member: &StructMember) -> u16 {
-    TRY_CONSTRUCT_DISCARD
+    member.try_construct as u16
+        | flag(member.external, IS_EXTERNAL)
         | flag(member.optional, IS_OPTIONAL)
+        | flag(member.must_understand, IS_MUST_UNDERSTAND)
         | flag(member.key, IS_KEY | IS_MUST_UNDERSTAND)
 }
 
@@ -244,6 +400,21 @@ fn write_member_detail(w: &mut Writer, name: &str, equivalence: Equivalence) {
             write_no_annotations(w);
         }
     }
+}
+
+/// The only built-in annotation that is told: what a hashed id was made of.
+fn write_struct_member_detail(w: &mut Writer, member: &StructMember, equivalence: Equivalence) {
+    let (Equivalence::Complete, Some(hash_id)) = (equivalence, member.hash_id) else {
+        return write_member_detail(w, member.name, equivalence);
+    };
+    w.string(member.name);
+    w.u8(1);
+    w.delimited(|w| {
+        // No unit, minimum and maximum; the name.
+        w.bytes(&[0, 0, 0, 1]);
+        w.string(hash_id);
+    });
+    w.u8(0);
 }
 
 /// Neither built-in nor other annotations are there.

@@ -92,6 +92,8 @@ impl TypeKind {
     pub const FLOAT32: Self = Self(0x09);
     /// TK_FLOAT64.
     pub const FLOAT64: Self = Self(0x0a);
+    /// TK_FLOAT128.
+    pub const FLOAT128: Self = Self(0x0b);
     /// TK_INT8.
     pub const INT8: Self = Self(0x0c);
     /// TK_UINT8.

@@ -125,12 +125,12 @@ impl Request {
 
     /// The reply of a participant that knows these types. All participants get it, not only the one that asked: if one
     /// of them may be Cyclone DDS 0.10, TypeObjects that would make it crash are left out.
-    pub fn answer(&self, library: &TypeLibrary, has_cyclone: bool) -> Reply {
+    pub fn answer(&self, library: &TypeLibrary, has_cyclone_0_10: bool) -> Reply {
         let hashes: BTreeSet<_> = self.types.iter().filter_map(TypeIdentifier::hash).collect();
         let answer = match self.operation {
             Operation::Types => {
                 let mut hashes = hashes;
-                hashes.retain(|hash| !has_cyclone || library.is_known_to_cyclone_0_10(*hash));
+                hashes.retain(|hash| !has_cyclone_0_10 || library.is_known_to_cyclone_0_10(*hash));
                 types(hashes, library)
             }
             Operation::Dependencies => Answer::Dependencies(library.dependencies(hashes)),

@@ -22,7 +22,9 @@ mod xcdr;
 
 pub use assignability::Assignable;
 pub use builder::{TypeBuilder, TypePair, TypeSupport};
-pub use definition::{Definition, Extensibility, Literal, StructMember, UnionMember};
+pub use definition::{
+    Bitfield, Bitflag, Definition, Extensibility, Literal, StructMember, TryConstruct, UnionMember,
+};
 pub use identifier::{Equivalence, TypeHash, TypeIdentifier, TypeKind};
 pub use information::{Dependencies, TypeInformation};
 pub use library::TypeLibrary;

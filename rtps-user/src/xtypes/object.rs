@@ -1,6 +1,6 @@
 //! Reading minimal TypeObjects: all that assignability depends on.
 
-use super::definition::{TK_BITMASK, TK_ENUM, TK_STRUCTURE, TK_UNION};
+use super::definition::{TK_ALIAS, TK_BITMASK, TK_ENUM, TK_STRUCTURE, TK_UNION};
 use super::identifier::{Equivalence, TypeHash, TypeIdentifier, TypeKind, read_u32_sequence};
 use super::xcdr::Reader;
 use crate::wire::{Endianness, WireError};
@@ -54,7 +54,6 @@ pub(super) struct Member {
     pub(super) name: [u8; 4],
 }
 
-const TK_ALIAS: u8 = 0x30;
 const TK_SEQUENCE: u8 = 0x60;
 const TK_ARRAY: u8 = 0x61;
 const TK_MAP: u8 = 0x62;

@@ -6,11 +6,8 @@ use crate::wire::{Guid, SequenceNumber};
 
 fn member(id: u32, name: &'static str, member_type: TypePair) -> StructMember {
     StructMember {
-        name,
-        id,
         key: id == 0,
-        optional: false,
-        member_type,
+        ..StructMember::new(name, id, member_type)
     }
 }
 
@@ -23,6 +20,8 @@ fn structure(extensibility: Extensibility, members: Vec<StructMember>) -> TypeSu
         types.define("T", |_| {
             Some(Definition::Struct {
                 extensibility,
+                autoid_hash: false,
+                base: None,
                 members,
             })
         })
@@ -114,6 +113,214 @@ fn the_policy_says_what_does_not_count() {
     assert_eq!(assignable(&short, &renamed, policy), Assignable::No);
     policy.ignore_member_names = true;
     assert_eq!(assignable(&short, &renamed, policy), Assignable::Yes);
+}
+
+/// The type of the interoperability demonstrations, with these bounds; 0 is none.
+fn shape_type(color: u32, payload: u32) -> Vec<StructMember> {
+    let payload_type = TypePair::primitive(TypeKind::BYTE).sequence(payload);
+    vec![
+        member(0, "color", TypePair::string(false, color)),
+        member(1, "x", long()),
+        member(2, "y", long()),
+        member(3, "shapesize", long()),
+        member(4, "additional_payload_size", payload_type),
+    ]
+}
+
+/// The default with a change.
+fn with(change: fn(&mut TypeConsistency)) -> TypeConsistency {
+    let mut policy = TypeConsistency::default();
+    change(&mut policy);
+    policy
+}
+
+/// The base and one more member.
+fn and(name: &'static str, member_type: TypePair) -> Vec<StructMember> {
+    [base(), vec![member(3, name, member_type)]].concat()
+}
+
+type Row<'a> = (
+    &'a [StructMember],
+    &'a [StructMember],
+    TypeConsistency,
+    bool,
+);
+
+/// Rows have the reader's members, the writer's, the policy, and whether they match.
+#[track_caller]
+fn assert_rows(rows: &[Row<'_>]) {
+    for (number, (reader, writer, policy, fits)) in rows.iter().enumerate() {
+        let appendable =
+            |members: &[StructMember]| structure(Extensibility::Appendable, members.to_vec());
+        let result = assignable(&appendable(reader), &appendable(writer), *policy);
+        let expected = if *fits {
+            Assignable::Yes
+        } else {
+            Assignable::No
+        };
+        assert_eq!(result, expected, "row {number}");
+    }
+}
+
+#[test]
+fn bounds_of_sequences() {
+    let strict = with(|policy| policy.ignore_sequence_bounds = false);
+    let of_strings = with(|policy| policy.ignore_string_bounds = false);
+    let validated = with(|policy| policy.force_type_validation = true);
+    let same_type = with(|policy| policy.allow_coercion = false);
+    let default = TypeConsistency::default();
+    let (bounded, unbounded) = (&shape_type(128, 100_000), &shape_type(128, 0));
+    let map = |bound| and("map", long().map_to(long(), bound));
+    let array = |bound| and("array", long().array(bound));
+    assert_rows(&[
+        (bounded, unbounded, default, true),
+        (unbounded, bounded, default, true),
+        (bounded, unbounded, strict, false),
+        (unbounded, bounded, strict, true),
+        (bounded, unbounded, of_strings, true),
+        (bounded, unbounded, validated, true),
+        (bounded, unbounded, same_type, false),
+        (bounded, bounded, same_type, true),
+        (&map(4), &map(5), default, true),
+        (&map(4), &map(5), strict, false),
+        (&map(5), &map(4), strict, true),
+        (&array(4), &array(5), default, false),
+    ]);
+}
+
+#[test]
+fn bounds_of_strings() {
+    let strict = with(|policy| policy.ignore_string_bounds = false);
+    let of_sequences = with(|policy| policy.ignore_sequence_bounds = false);
+    let default = TypeConsistency::default();
+    let text = |bound| and("text", TypePair::string(false, bound));
+    let wide = and("text", TypePair::string(true, 0));
+    assert_rows(&[
+        (&text(4), &text(5), default, true),
+        (&text(4), &text(5), strict, false),
+        (&text(4), &text(0), strict, false),
+        (&text(5), &text(4), strict, true),
+        (&text(0), &text(4), strict, true),
+        (&text(4), &text(5), of_sequences, true),
+        (&wide, &text(0), default, false),
+        // Those of keys count whatever is ignored.
+        (&shape_type(128, 0), &shape_type(0, 0), default, false),
+        (&shape_type(128, 0), &shape_type(129, 0), default, false),
+        (&shape_type(128, 0), &shape_type(127, 0), default, true),
+        (&shape_type(0, 0), &shape_type(128, 0), default, true),
+    ]);
+}
+
+#[test]
+fn names_and_annotations_of_members() {
+    let no_names = with(|policy| policy.ignore_member_names = true);
+    let no_widening = with(|policy| policy.prevent_type_widening = true);
+    let default = TypeConsistency::default();
+    let (a, b) = (and("a", long()), and("b", long()));
+    let (mut optional, mut vital) = (a.clone(), a.clone());
+    optional[3].optional = true;
+    vital[3].must_understand = true;
+    assert_rows(&[
+        (&a, &b, default, false),
+        (&a, &b, no_names, true),
+        (&a, &base(), default, true),
+        (&a, &base(), no_widening, false),
+        (&base(), &a, no_widening, true),
+        (&optional, &a, default, false),
+        (&base(), &vital, default, false),
+        (&vital, &base(), default, true),
+    ]);
+}
+
+#[test]
+fn enumerated_keys_have_all_literals_of_the_writer() {
+    let keyed = |values: &[i32], key| {
+        let literal = |value: &i32| Literal {
+            name: ["A", "B", "C"][*value as usize],
+            value: *value,
+            default: false,
+        };
+        let literals: Vec<_> = values.iter().map(literal).collect();
+        TypeBuilder::describe(|types| {
+            types.define("T", |types| {
+                let color = types.define("E", |_| {
+                    Some(Definition::Enum {
+                        extensibility: Extensibility::Appendable,
+                        bit_bound: 32,
+                        literals,
+                    })
+                })?;
+                let color = StructMember {
+                    key,
+                    ..StructMember::new("color", 0, color)
+                };
+                Some(Definition::Struct {
+                    extensibility: Extensibility::Appendable,
+                    autoid_hash: false,
+                    base: None,
+                    members: vec![color],
+                })
+            })
+        })
+    };
+    let policy = TypeConsistency::default();
+    for (key, expected) in [(true, Assignable::No), (false, Assignable::Yes)] {
+        let (two, three) = (keyed(&[0, 1], key), keyed(&[0, 1, 2], key));
+        assert_eq!(assignable(&two, &three, policy), expected);
+        assert_eq!(assignable(&three, &two, policy), Assignable::Yes);
+    }
+}
+
+/// A struct is what it inherits and what it has, however that is divided.
+#[test]
+fn inherited_members_are_members() {
+    let inheriting = |inherited: Vec<StructMember>, own: Vec<StructMember>| {
+        TypeBuilder::describe(|types| {
+            types.define("Child", |types| {
+                let definition = |base, members| Definition::Struct {
+                    extensibility: Extensibility::Appendable,
+                    autoid_hash: false,
+                    base,
+                    members,
+                };
+                let base = types.define("Parent", |_| Some(definition(None, inherited)))?;
+                Some(definition(Some(base), own))
+            })
+        })
+    };
+    let policy = TypeConsistency::default();
+    let flat = structure(Extensibility::Appendable, longer());
+    for at in 0..=longer().len() {
+        let (inherited, own) = (longer()[..at].to_vec(), longer()[at..].to_vec());
+        let child = inheriting(inherited, own);
+        assert_eq!(assignable(&child, &flat, policy), Assignable::Yes, "{at}");
+        assert_eq!(assignable(&flat, &child, policy), Assignable::Yes, "{at}");
+    }
+    let other = inheriting(vec![member(0, "key", long())], longer()[1..].to_vec());
+    assert_eq!(assignable(&other, &flat, policy), Assignable::No);
+}
+
+/// Types from the wire may nest deeper than what is looked into: names decide then.
+#[test]
+fn depth_is_bounded() {
+    let mut library = TypeLibrary::default();
+    let mut chain = |end: TypePair| {
+        let mut first = end.clone();
+        let support = TypeBuilder::describe(|types| {
+            for _ in 0..100 {
+                first = types.define("T", |_| Some(Definition::Alias(first.clone())))?;
+            }
+            Some(first.clone())
+        });
+        library.add_mapping(&support.objects).unwrap();
+        first.of(Equivalence::Minimal).clone()
+    };
+    let (reader, writer) = (chain(long()), chain(TypePair::primitive(TypeKind::INT64)));
+    let result = library.is_assignable(&reader, &writer, &TypeConsistency::default());
+    let Assignable::Unknown(missing) = result else {
+        panic!("{result:?}");
+    };
+    assert!(missing.is_empty());
 }
 
 #[test]

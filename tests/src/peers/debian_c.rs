@@ -61,6 +61,37 @@ pub(super) fn cyclone(directory: &Path, name: &str, program: &str) -> Result<Pat
     Ok(workshop.program())
 }
 
+/// The serializer of Cyclone DDS alone.
+pub(super) fn cyclone_codec(directory: &Path, name: &str) -> Result<PathBuf> {
+    debian::ensure_installed(&CYCLONE)?;
+    let workshop = Workshop::empty(directory, name)?;
+    workshop.run(
+        Command::new("idlc")
+            .args(["-x", "final"])
+            .arg(source("Codec.idl")),
+    )?;
+    workshop.run(
+        Command::new("gcc")
+            .args(["-O1", "-I.", "-o", "program", "Codec.c"])
+            .arg(source("codec.c"))
+            .arg("-lddsc"),
+    )?;
+    Ok(workshop.program())
+}
+
+/// Fast-CDR alone.
+pub(super) fn fast_cdr_codec(directory: &Path, name: &str) -> Result<PathBuf> {
+    debian::ensure_installed(&FAST_DDS)?;
+    let workshop = Workshop::empty(directory, name)?;
+    workshop.run(
+        Command::new("g++")
+            .args(["-std=c++17", "-O1", "-o", "program"])
+            .arg(source("codec.cpp"))
+            .arg("-lfastcdr"),
+    )?;
+    Ok(workshop.program())
+}
+
 /// As [`cyclone`], on Fast DDS.
 pub(super) fn fast_dds(
     directory: &Path,
@@ -87,11 +118,15 @@ struct Workshop {
 impl Workshop {
     /// With what all peers in C share, compiled.
     fn new(directory: &Path, name: &str) -> Result<Self> {
-        let directory = directory.join(format!("{name}.build"));
-        fs::create_dir_all(&directory)?;
-        let workshop = Self { directory };
+        let workshop = Self::empty(directory, name)?;
         workshop.compile_c("peer.o", &source("peer.c"), &[])?;
         Ok(workshop)
+    }
+
+    fn empty(directory: &Path, name: &str) -> Result<Self> {
+        let directory = directory.join(format!("{name}.build"));
+        fs::create_dir_all(&directory)?;
+        Ok(Self { directory })
     }
 
     fn program(&self) -> PathBuf {

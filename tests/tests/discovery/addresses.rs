@@ -63,6 +63,31 @@ fn an_address_changes() -> Result<()> {
     goes_on(&stage, &mut layer, new)
 }
 
+/// What the kernel sends in somebody's stead nobody would fragment, and the other end of a veth drops what is too large.
+#[test]
+fn answers_fit_an_mtu_that_has_become_smaller() -> Result<()> {
+    skip_unless!(require::root());
+    const WRITERS: u64 = 8;
+    let stage = Stage::new("mtu")?;
+    let mut layer = stage.load(&stage.ours)?;
+    let publisher = "--pub --topic Small --reliable --count 1 --wait-match 1 --timeout 100";
+    let writers = (0..WRITERS).map(|_| stage.app(&stage.ours, Layer::Kernel, publisher));
+    let _writers = writers.collect::<Result<Vec<_>>>()?;
+    eventually("all writers are there", || {
+        let status = layer.status()?;
+        let endpoints = status.apps.len() as u64;
+        Ok((endpoints == WRITERS).then_some(()))
+    })?;
+    for host in [&stage.ours, &stage.theirs] {
+        let name = &host.interface.name;
+        host.netns.ip(&format!("link set {name} mtu 1280"))?;
+    }
+    // Once more, for the first may be asked before the change is noticed.
+    layer.status()?;
+    ensure_answers_from_kernel(&layer, 1)?;
+    ensure_kernel_answers(&mut layer, &stage.theirs, stage.ours.interface.v4)
+}
+
 /// The kernel answers newcomers alone, and who has come that way can be talked to.
 fn goes_on(stage: &Stage, layer: &mut KernelLayer<'_>, address: Ipv4Addr) -> Result<()> {
     eventually("the kernel answers", || {

@@ -183,6 +183,7 @@ impl FrameSender {
             destination: octets(to.ip()),
             source_port: REPLY_PORT,
             destination_port: to.port(),
+            identification: 0,
         };
         let payload = message.bytes();
         let len = payload.len() as u16;

@@ -8,13 +8,11 @@ use core::ops::ControlFlow;
 use rtps_ebpf::{
     Counter,
     abi::DOORBELL_PACKET,
-    frame::{
-        Datagram, IPV4_CHECKSUM, IPV4_LENGTH, UDP_CHECKSUM, UDP_DESTINATION, UDP_LEN, UDP_LENGTH,
-    },
+    frame::{Datagram, IPV4_CHECKSUM, IPV4_LENGTH, UDP_LEN, UDP_LENGTH},
 };
 
 use crate::{
-    deliver::Delivery,
+    deliver::{Delivery, ring},
     maps::{self, Counters, Scratch},
     message,
     sys::{LinkBuffer, Repeat, repeat},
@@ -143,15 +141,14 @@ fn deliver(buffer: &LinkBuffer, scratch: &mut Scratch, counters: Counters) -> Ta
     }
 }
 
-/// Turns the frame into the doorbell of the app with this port, without a checksum, as the XDP hook does.
+/// Turns the frame into the doorbell of the app with this port.
 #[inline(always)]
 fn redirect(buffer: &LinkBuffer, scratch: &Scratch, port: u16) -> Result<(), ()> {
     let datagram = &scratch.datagram;
     if scratch.header.segment != 0 {
         empty(buffer, datagram)?;
     }
-    buffer.store(datagram.udp + UDP_DESTINATION, &port.to_be_bytes())?;
-    buffer.store(datagram.udp + UDP_CHECKSUM, &[0, 0])
+    ring(buffer, datagram.udp, port)
 }
 
 /// Makes a burst one datagram without a payload: the stack would take it apart again before the first could wake

@@ -18,6 +18,8 @@ use crate::sys::{self, LinkBuffer};
 
 /// Bytes of the two hardware addresses in an Ethernet header.
 const ADDRESSES_LEN: usize = 12;
+/// Answers are numbered by the time in units of 4 us: a number comes back after a quarter of a second.
+const IDENTIFICATION_SHIFT: u32 = 12;
 /// The most bytes of a frame that can be put back; jumbo frames fit.
 pub(crate) const ORIGINAL_BYTES: usize = 9_728;
 
@@ -58,14 +60,15 @@ fn source_of_answers(request: &Datagram, interface: &Interface) -> Option<[u8; 1
 }
 
 impl Reply {
-    /// For answers to `request` from a port of this host; fails where the interface has no address for
-    /// them.
+    /// For answers to `request`, which came at `now_ns`, from a port of this host; fails where the interface has no
+    /// address for them.
     #[inline(always)]
     pub(crate) fn prepare(
         &mut self,
         request: &Datagram,
         interface: &Interface,
         source_port: u16,
+        now_ns: u64,
     ) -> Result<(), ()> {
         self.has_begun = false;
         self.request = *request;
@@ -75,6 +78,7 @@ impl Reply {
             destination: request.source,
             source_port,
             destination_port: 0,
+            identification: (now_ns >> IDENTIFICATION_SHIFT) as u16,
         };
         Ok(())
     }
@@ -106,6 +110,7 @@ impl Reply {
         len: u32,
     ) -> Result<(), ()> {
         let payload_at = self.request.udp + UDP_LEN;
+        self.flow.identification = self.flow.identification.wrapping_add(1);
         let checksum = self.checksum(payload, len as u16);
         buffer.resize(payload_at + len)?;
         buffer.store_some(payload_at, payload, len)?;

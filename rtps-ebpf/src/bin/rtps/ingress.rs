@@ -218,12 +218,13 @@ fn may_answer(buffer: &LinkBuffer, domain: &Domain, scratch: &Scratch) -> bool {
         return false;
     };
     let datagram = &scratch.datagram;
+    let now_ns = scratch.header.received_ns;
     let is_too_long = datagram.multicast && buffer.len() > ORIGINAL_BYTES as u32;
     interface.tasks & INTERFACE_ANSWERS != 0
-        && scratch.header.received_ns <= config.answer_until_ns
+        && now_ns <= config.answer_until_ns
         && !is_too_long
         && reply
-            .prepare(datagram, interface, domain.metatraffic_port as u16)
+            .prepare(datagram, interface, domain.metatraffic_port as u16, now_ns)
             .is_ok()
 }
 

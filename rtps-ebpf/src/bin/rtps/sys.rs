@@ -29,6 +29,12 @@ pub(crate) trait Packet: Bytes {
     unsafe fn copy(&self, to: *mut u8, len: u32, limit: usize) -> Result<(), ()>;
 }
 
+/// A packet that can be changed in place.
+pub(crate) trait Overwrite {
+    /// Overwrites two bytes with a number in network order.
+    fn store_u16(&self, offset: u32, value: u16) -> Result<(), ()>;
+}
+
 /// Whether `count` bytes at `offset` lie within `len`.
 #[inline(always)]
 fn fits(offset: u32, count: usize, len: u32) -> bool {

@@ -6,11 +6,11 @@ use rtps_ebpf::{
     abi::{
         DISCOVERY_KERNEL, DOORBELL_PACKET, HOOK_XDP, PORT_METATRAFFIC, PORT_MULTICAST, RecordHeader,
     },
-    frame::{Datagram, UDP_CHECKSUM, UDP_DESTINATION, UDP_LEN, datagram},
+    frame::{UDP_LEN, datagram},
 };
 
 use crate::{
-    deliver::Delivery,
+    deliver::{Delivery, ring},
     maps::{self, Counters, Lookup, Scratch},
     message::examine,
     sys::{Frame, now_ns},
@@ -48,7 +48,7 @@ pub(crate) fn handle(frame: &Frame) -> u32 {
             XDP_DROP
         }
         Verdict::Delivered => XDP_DROP,
-        Verdict::Ring { port } => match redirect(frame, &scratch.datagram, port) {
+        Verdict::Ring { port } => match ring(frame, scratch.datagram.udp, port) {
             Ok(()) => XDP_PASS,
             Err(()) => XDP_DROP,
         },
@@ -118,13 +118,4 @@ fn deliver(frame: &Frame, scratch: &mut Scratch, counters: Counters) -> Verdict 
         Some(port) => Verdict::Ring { port },
         None => Verdict::Delivered,
     }
-}
-
-/// Turns the datagram into the doorbell of the app with this port. It stays whole: the app does
-/// not read it, and a shorter one would cost more work here than it saves there. Its UDP checksum
-/// is left out, as IPv4 allows: frames of a local veth peer do not have a complete one.
-#[inline(always)]
-fn redirect(frame: &Frame, datagram: &Datagram, port: u16) -> Result<(), ()> {
-    frame.store_u16(datagram.udp + UDP_DESTINATION, port)?;
-    frame.store_u16(datagram.udp + UDP_CHECKSUM, 0)
 }

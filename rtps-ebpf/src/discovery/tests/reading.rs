@@ -198,6 +198,19 @@ fn who_names_us_is_proven() {
 }
 
 #[test]
+fn so_is_who_acknowledges_without_naming_us() {
+    let host = Host::new();
+    let acknack = Message::new(true).acknack(0, 1, &[], true);
+    let played = host.play(setting(), Some(&stranger()), &acknack);
+    assert!(played.outcome.news && played.outcome.speaks);
+    assert_eq!(played.peer.flags, PEER_PROVEN);
+    let foreign = Message::new(true).destination(OTHER);
+    let foreign = foreign.acknack(0, 1, &[], true);
+    let played = host.play(setting(), Some(&stranger()), &foreign);
+    assert_eq!((played.outcome, played.peer.flags), (QUIET, 0));
+}
+
+#[test]
 fn the_unknown_count_for_nothing() {
     let message = Message::to_us(true)
         .data(0, 1)

@@ -1,9 +1,11 @@
 //! Types that the tests share: every kind of type, nested in one another.
 
+mod constructs;
 mod evolution;
 mod fields;
 mod hostile;
 mod keys;
+mod ros;
 mod round_trip;
 mod samples;
 mod type_objects;

@@ -119,6 +119,89 @@ struct Eight {
     f: [i8; 3],
 }
 
+#[derive(DdsType)]
+#[dds(final, type_name = "demo::Base")]
+struct Base {
+    #[dds(key)]
+    a: i32,
+    #[dds(bound = 8)]
+    b: String,
+}
+
+#[derive(DdsType)]
+#[dds(final, type_name = "demo::Derived")]
+struct Derived {
+    #[dds(base)]
+    base: Base,
+    c: u8,
+}
+
+#[derive(DdsType)]
+#[dds(bitmask, bit_bound = 8, type_name = "demo::Flags")]
+struct Flags {
+    #[dds(name = "READY")]
+    ready: bool,
+    #[dds(name = "BUSY", position = 3)]
+    busy: bool,
+}
+
+#[derive(DdsType)]
+#[dds(type_name = "demo::Celsius")]
+struct Celsius(f64);
+
+#[derive(DdsType)]
+#[dds(type_name = "demo::Few")]
+struct Few(#[dds(bound = 4)] Vec<i32>);
+
+#[derive(DdsType)]
+#[dds(type_name = "demo::Room")]
+struct Room([Celsius; 2]);
+
+#[derive(DdsType)]
+#[dds(mutable, autoid = "hash", type_name = "demo::Hashed")]
+struct Hashed {
+    color: i32,
+    #[dds(hashid = "shapesize")]
+    size: i32,
+    #[dds(hashid)]
+    x: i32,
+    #[dds(id = 5, must_understand)]
+    y: i32,
+}
+
+#[derive(DdsType)]
+#[dds(type_name = "demo::Annotated")]
+struct Annotated {
+    m: i32,
+    #[dds(external)]
+    e: Box<f64>,
+    #[dds(bound = 4)]
+    u: String,
+    #[dds(bound = 4)]
+    t: String,
+    #[dds(bound = 4)]
+    s: Vec<i32>,
+    d: Derived,
+    f: Flags,
+    warm: Celsius,
+    few: Few,
+    room: Room,
+    h: Hashed,
+}
+
+#[test]
+fn inheritance_bitmasks_typedefs_and_annotations() {
+    let TypeSupport {
+        information,
+        objects,
+    } = Annotated::type_support();
+    assert_eq!(objects, hex(include_str!("cyclone/annotated.objects.hex")));
+    assert_eq!(
+        information,
+        hex(include_str!("cyclone/annotated.information.hex"))
+    );
+}
+
 #[test]
 fn types_of_8_bits() {
     let TypeSupport {

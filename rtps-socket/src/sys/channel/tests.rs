@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 use std::os::unix::fs::FileExt;
+use std::sync::atomic::AtomicBool;
 use std::thread;
 use std::time::Duration;
 
@@ -123,6 +124,26 @@ fn a_reader_that_stands_still_is_waited_for_once() {
         }
     });
     while !outbound.send(std::iter::once(&[3u8; 1000][..])) {}
+    reader.join().unwrap();
+}
+
+#[test]
+fn a_reader_that_makes_room_little_by_little_is_not_waited_for_throughout_a_burst() {
+    let Channel {
+        mut outbound,
+        mut inbound,
+        ring: _ring,
+    } = Channel::new();
+    let is_over = Arc::new(AtomicBool::new(false));
+    let has_ended = Arc::clone(&is_over);
+    let reader = thread::spawn(move || {
+        while !has_ended.load(Ordering::Relaxed) {
+            inbound.drain(1, &mut Vec::new(), |_| ());
+            thread::sleep(PATIENCE / 4);
+        }
+    });
+    assert!(!outbound.send([&[1u8; 1000][..]; 1_000].into_iter()));
+    is_over.store(true, Ordering::Relaxed);
     reader.join().unwrap();
 }
 

@@ -7,8 +7,8 @@ use std::net::IpAddr;
 use anyhow::{Context, Result};
 use aya::maps::{Array, HashMap, MapData};
 use rtps_ebpf::abi::{
-    Announcement, AnnouncementKey, BUILTIN_WRITERS, BuiltinWriter, INTERFACE_ANSWERS, Interface,
-    SUBMESSAGE_BYTES, Sample, SampleKey, WRITER_INCOMPLETE, name,
+    self, Announcement, AnnouncementKey, BUILTIN_WRITERS, BuiltinWriter, INTERFACE_ANSWERS,
+    Interface, SUBMESSAGE_BYTES, Sample, SampleKey, WRITER_INCOMPLETE, name,
 };
 use rtps_user::discovery::prefer_addresses;
 use rtps_user::wire::{EntityId, SequenceNumber};
@@ -159,12 +159,19 @@ impl DiscoveryMaps {
         })
     }
 
-    /// Forgets what an earlier rtpsd kept of a domain and this one, which has been told everything, did not.
-    pub(crate) fn forget_old_samples(&mut self, domain_index: u32) -> Result<()> {
+    /// Forgets what an earlier rtpsd kept and this one, which has been told everything, did not: samples, and the writers
+    /// of domains that are not among these.
+    pub(crate) fn forget_others(&mut self, domain_indices: &BTreeSet<u32>) -> Result<()> {
         let found: BTreeSet<SampleKey> = self.samples.keys().collect::<Result<_, _>>()?;
         for old in found.difference(&self.kept) {
-            if old.domain_index == domain_index {
-                ignore_missing(self.samples.remove(old)).context("map `samples`")?;
+            ignore_missing(self.samples.remove(old)).context("map `samples`")?;
+        }
+        for index in 0..abi::DOMAINS * BUILTIN_WRITERS {
+            if !domain_indices.contains(&(index / BUILTIN_WRITERS)) {
+                let nothing = BuiltinWriter::default();
+                self.writers
+                    .set(index, nothing, 0)
+                    .context("map `writers`")?;
             }
         }
         Ok(())

@@ -3,6 +3,7 @@
 //! The kernel changes entries in place while rtpsd replaces them as a whole, so what it writes in between may be lost.
 //! That costs a repetition: a sample that is handed over twice, an answer that is sent twice.
 
+use std::collections::BTreeSet;
 use std::net::IpAddr;
 use std::time::Duration;
 
@@ -62,6 +63,17 @@ impl Peers {
     pub(crate) fn forget(&mut self, prefix: GuidPrefix) -> Result<()> {
         ignore_missing(self.known.remove(&prefix.0)).context("map `peers`")?;
         ignore_missing(self.strangers.remove(&prefix.0)).context("map `strangers`")
+    }
+
+    /// Forgets those that rtpsd has accepted and that are not among these.
+    pub(crate) fn forget_others(&mut self, participants: &BTreeSet<GuidPrefix>) -> Result<()> {
+        let known: Vec<[u8; 12]> = self.known.keys().collect::<Result<_, _>>()?;
+        for old in known {
+            if !participants.contains(&GuidPrefix(old)) {
+                ignore_missing(self.known.remove(&old)).context("map `peers`")?;
+            }
+        }
+        Ok(())
     }
 
     /// All that the writer sent below `next` is had or will not come. Goes back only if this is `exact`.

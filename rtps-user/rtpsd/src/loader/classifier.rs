@@ -98,6 +98,7 @@ impl Loader {
     /// Detaches it from an interface where it is.
     pub(crate) fn detach_classifier(&self, interface: &Interface) -> Result<()> {
         self.detach_where(|index, hook| index == interface.index && hook == Hook::Ingress)
+            .map(drop)
     }
 
     /// Attaches `rtps_fan_out`, or replaces that of an earlier rtpsd; the error is why that does not work.

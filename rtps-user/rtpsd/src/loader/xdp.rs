@@ -1,5 +1,8 @@
 //! `rtps_xdp`, attached by XDP links.
 
+use std::thread;
+use std::time::{Duration, Instant};
+
 use anyhow::{Context, Result, anyhow};
 use aya::Ebpf;
 use aya::programs::links::{FdLink, PinnedLink};
@@ -49,8 +52,8 @@ fn xdp(ebpf: &mut Ebpf) -> Result<&mut Xdp> {
 }
 
 impl Loader {
-    /// Detaches it from an interface where it is.
-    pub(super) fn detach_xdp(&self, interface: &Interface) -> Result<()> {
+    /// Detaches it from an interface; says whether it was there.
+    pub(super) fn detach_xdp(&self, interface: &Interface) -> Result<bool> {
         self.detach_where(|index, hook| index == interface.index && matches!(hook, Hook::Xdp(_)))
     }
 
@@ -88,7 +91,22 @@ impl Loader {
         Ok(())
     }
 
-    pub(super) fn attach_xdp(&mut self, interface: &Interface, hook: XdpHook) -> Result<()> {
+    /// Attaches it to an interface, which may be occupied until `end` by what was just detached.
+    pub(super) fn attach_xdp_until(
+        &mut self,
+        interface: &Interface,
+        hook: XdpHook,
+        end: Instant,
+    ) -> Result<()> {
+        loop {
+            match self.attach_xdp(interface, hook) {
+                Err(_) if Instant::now() < end => thread::sleep(Duration::from_millis(10)),
+                result => return result,
+            }
+        }
+    }
+
+    fn attach_xdp(&mut self, interface: &Interface, hook: XdpHook) -> Result<()> {
         let path = self.folder.link(interface.index, Hook::Xdp(hook));
         let xdp = xdp(&mut self.ebpf)?;
         let id = xdp

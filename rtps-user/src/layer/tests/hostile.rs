@@ -10,8 +10,8 @@ use crate::layer::Limits;
 use crate::layer::protocol::MAX_PROTOCOL_MESSAGE;
 use crate::qos::Qos;
 use crate::wire::{
-    Data, DataFragment, EntityId, Guid, GuidPrefix, InlineQos, KeyHash, MessageWriter, PayloadKind,
-    SequenceNumber, StatusInfo,
+    AckNack, Data, DataFragment, EntityId, Guid, GuidPrefix, InlineQos, KeyHash, MessageWriter,
+    PayloadKind, SequenceNumber, SequenceNumberSet, StatusInfo,
 };
 
 fn address(number: usize) -> SocketAddr {
@@ -44,11 +44,10 @@ fn announce(net: &mut Net, number: usize) -> Vec<u8> {
     bytes
 }
 
-/// Has an invented participant announce a writer.
-fn announce_endpoint(net: &mut Net, number: usize, sequence: i64) -> Vec<u8> {
-    let entity = EntityId::of_app(1, sequence as u16, WRITER);
-    let data = EndpointData {
-        guid: Guid::new(prefix(number), entity),
+/// What an invented participant may say of a writer.
+fn invented_writer(number: usize, sequence: i64) -> EndpointData {
+    EndpointData {
+        guid: Guid::new(prefix(number), EntityId::of_app(1, sequence as u16, WRITER)),
         topic: "Square".to_owned(),
         type_name: "ShapeType".to_owned(),
         type_information: Vec::new(),
@@ -57,9 +56,13 @@ fn announce_endpoint(net: &mut Net, number: usize, sequence: i64) -> Vec<u8> {
         multicast: Vec::new(),
         expects_inline_qos: false,
         qos: Qos::default(),
-    };
+    }
+}
+
+/// Has an invented participant announce a writer.
+fn announce_endpoint(net: &mut Net, number: usize, sequence: i64) -> Vec<u8> {
     let mut payload = Vec::new();
-    data.encode(&mut payload);
+    invented_writer(number, sequence).encode(&mut payload);
     let writer = EntityId::SEDP_PUBLICATIONS_WRITER;
     let bytes = message(prefix(number), writer, sequence, &payload);
     net.inject(address(number), net.hosts[0].address, bytes.clone());
@@ -92,6 +95,129 @@ fn a_flood_of_inventions_neither_fills_the_memory_nor_harms_the_known() {
     assert!(answers < 20 * 2000, "{answers} datagrams");
     net.run(60 * SECOND);
     assert_eq!(net.replies(1), []);
+}
+
+/// Has an invented participant announce itself for ever from `source`, and act as if it had heard the first host.
+fn announce_proven(net: &mut Net, number: usize, source: SocketAddr) {
+    let mut data = ParticipantData::new(prefix(number));
+    data.lease = crate::wire::Duration::INFINITE;
+    data.metatraffic_unicast = vec![source];
+    let mut payload = Vec::new();
+    data.encode(&mut payload);
+    let bytes = message(prefix(number), EntityId::SPDP_WRITER, 1, &payload);
+    let to = net.hosts[0].address;
+    net.inject(source, to, bytes);
+    let mut bytes = Vec::new();
+    let mut answer = MessageWriter::new(&mut bytes, prefix(number));
+    answer.info_destination(prefix(1));
+    answer.acknack(&AckNack {
+        reader: EntityId::SEDP_PUBLICATIONS_READER,
+        writer: EntityId::SEDP_PUBLICATIONS_WRITER,
+        state: SequenceNumberSet::empty(SequenceNumber(1)),
+        count: 1,
+        is_final: true,
+    });
+    net.inject(source, to, bytes);
+}
+
+#[test]
+fn inventions_that_answer_and_never_end_leave_room_for_others() {
+    let mut net = Net::new(0);
+    let mut config_of_first = config(1);
+    config_of_first.limits.discovery.participants = 20;
+    net.add(config_of_first);
+    let known = |net: &Net| net.hosts[0].layer.status().participants.len();
+    // From one address, and without end.
+    for round in 0..3 {
+        for number in 0..50 {
+            announce_proven(&mut net, 1000 + 50 * round + number, address(1));
+            net.run(Duration::from_millis(10));
+        }
+    }
+    let slot = net.attach(0);
+    net.declare(0, endpoint(slot, 1, READER));
+    net.add(config(2));
+    let other = net.attach(1);
+    let writer = net.declare(1, endpoint(other, 1, WRITER));
+    net.run(6 * SECOND);
+    assert_eq!(matches(&net.replies(0)), [writer]);
+    // From any number of addresses, until the table is full.
+    for number in 0..50 {
+        announce_proven(&mut net, 2000 + number, address(2000 + number));
+        net.run(Duration::from_millis(10));
+    }
+    assert_eq!(known(&net), 20);
+    assert_eq!(net.replies(0), [], "who is known stays");
+    net.add(config(3));
+    let third = net.attach(2);
+    let writer = net.declare(2, endpoint(third, 1, WRITER));
+    net.run(10 * SECOND);
+    assert_eq!(net.replies(0), []);
+    net.run(120 * SECOND);
+    assert_eq!(
+        matches(&net.replies(0)),
+        [writer],
+        "they have fallen silent"
+    );
+    assert_eq!(known(&net), 20);
+}
+
+#[test]
+fn nothing_is_sent_to_addresses_that_cannot_be_meant() {
+    let mut net = Net::new(1);
+    let odd = [
+        "127.0.0.1:7411",
+        "0.0.0.3:7400",
+        "255.255.255.255:7411",
+        "239.255.0.1:7401",
+        "10.0.0.66:0",
+        "[::1]:7411",
+        "[ff02::1]:7411",
+        "[fe80::1]:7411",
+    ];
+    let odd = odd.map(|address| address.parse::<SocketAddr>().unwrap());
+    let many = odd.into_iter().chain((0..1000).map(address));
+    let many: Vec<_> = many.collect();
+    let mut invented = ParticipantData::new(prefix(1000));
+    invented.metatraffic_unicast = many.clone();
+    invented.default_unicast = many.clone();
+    let mut payload = Vec::new();
+    invented.encode(&mut payload);
+    let bytes = message(prefix(1000), EntityId::SPDP_WRITER, 1, &payload);
+    let source = address(5000);
+    let to = net.hosts[0].address;
+    net.inject(source, to, bytes);
+    net.run(SECOND);
+    let known = |net: &Net| {
+        let known = net.hosts[0].layer.discovery.participant(prefix(1000));
+        known.map(|known| {
+            (
+                known.is_proven(),
+                known.metatraffic.clone(),
+                known.user.clone(),
+            )
+        })
+    };
+    let answered = vec![SocketAddr::new(source.ip(), 7410)];
+    let expected = Some((false, answered.clone(), answered.clone()));
+    assert_eq!(known(&net), expected, "only where it is");
+    announce_proven(&mut net, 1000, source);
+    let mut writer = invented_writer(1000, 1);
+    writer.unicast = many;
+    let entity = writer.guid.entity;
+    payload.clear();
+    writer.encode(&mut payload);
+    let announcer = EntityId::SEDP_PUBLICATIONS_WRITER;
+    let bytes = message(prefix(1000), announcer, 1, &payload);
+    net.inject(source, to, bytes);
+    net.run(SECOND);
+    let (_, metatraffic, _) = known(&net).unwrap();
+    assert_eq!(metatraffic, answered);
+    let known = net.hosts[0].layer.discovery.participant(prefix(1000));
+    let endpoint = known.unwrap().endpoint(entity).unwrap();
+    let is_meant = |address: &SocketAddr| address.ip().is_ipv4() && !odd.contains(address);
+    assert!(endpoint.unicast.iter().all(is_meant), "{endpoint:?}");
+    assert!((1..=16).contains(&endpoint.unicast.len()));
 }
 
 #[test]
@@ -194,6 +320,14 @@ fn nobody_makes_us_send_to_others() {
     assert_eq!(status.participants.len(), 2);
 }
 
+/// A message of another participant as what `relay` says in its name, by INFO_SRC.
+fn passed_on(message: &[u8], relay: GuidPrefix) -> Vec<u8> {
+    let (header, submessages) = message.split_at(20);
+    let (version, source) = header.split_at(8);
+    let info_source = [0x0c, 1, 20, 0, 0, 0, 0, 0, 2, 5, 1, 1];
+    [version, &relay.0, &info_source, source, submessages].concat()
+}
+
 #[test]
 fn nobody_ends_a_match_of_others() {
     let (mut net, writer, _) = matched();
@@ -220,6 +354,12 @@ fn nobody_ends_a_match_of_others() {
     net.run(SECOND);
     assert_eq!(net.replies(1), []);
     assert_eq!(net.hosts[1].layer.status().refused.foreign, 1);
+    // Who is known by its own address cannot pass it on, either.
+    announce(&mut net, 666);
+    net.inject(address(666), to, passed_on(&bytes, prefix(666)));
+    net.run(SECOND);
+    assert_eq!(net.replies(1), []);
+    assert_eq!(net.hosts[1].layer.status().refused.foreign, 2);
     let from = net.hosts[0].address;
     net.inject(from, to, bytes);
     net.run(SECOND);

@@ -6,9 +6,9 @@ use std::time::Duration;
 
 use rtps_ebpf::abi::PEER_SUPERVISED;
 
-use super::sim::{GROUP, Net, config, endpoint, prefix};
+use super::sim::{GROUP, Net, config, endpoint, prefix, reliable};
 use super::{READER, SECOND, WRITER, matches, unmatched};
-use crate::discovery::ParticipantData;
+use crate::discovery::{EndpointData, ParticipantData};
 use crate::layer::protocol::{FromLayer, ToLayer};
 use crate::layer::{LayerConfig, StoreKey};
 use crate::qos::{Liveliness, LivelinessKind};
@@ -360,6 +360,113 @@ fn who_was_forgotten_here_becomes_known_again() {
     net.inject(address(), GROUP, acknack(2));
     net.run(SECOND);
     assert_eq!(net.hosts[0].peers, [STRANGER].into());
+}
+
+/// What the stranger says of its one writer.
+fn publication() -> (Guid, Vec<u8>) {
+    let guid = Guid::new(STRANGER, EntityId::of_app(1, 1, WRITER));
+    let data = EndpointData {
+        guid,
+        topic: "Square".to_owned(),
+        type_name: "ShapeType".to_owned(),
+        type_information: Vec::new(),
+        content_filter: None,
+        unicast: Vec::new(),
+        multicast: Vec::new(),
+        expects_inline_qos: false,
+        qos: reliable(),
+    };
+    let mut payload = Vec::new();
+    data.encode(&mut payload);
+    let mut bytes = Vec::new();
+    MessageWriter::new(&mut bytes, STRANGER).data(&Data {
+        reader: EntityId::UNKNOWN,
+        writer: EntityId::SEDP_PUBLICATIONS_WRITER,
+        sequence: SequenceNumber(1),
+        inline_qos: InlineQos::default(),
+        filters: None,
+        kind: PayloadKind::Data,
+        payload: &payload,
+    });
+    (guid, bytes)
+}
+
+fn farewell() -> Vec<u8> {
+    let participant = Guid::new(STRANGER, EntityId::PARTICIPANT);
+    let mut bytes = Vec::new();
+    MessageWriter::new(&mut bytes, STRANGER).data(&Data {
+        reader: EntityId::UNKNOWN,
+        writer: EntityId::SPDP_WRITER,
+        sequence: SequenceNumber(2),
+        inline_qos: InlineQos {
+            key_hash: Some(KeyHash(participant.to_bytes())),
+            status: StatusInfo {
+                disposed: true,
+                unregistered: true,
+                filtered: false,
+            },
+            ..InlineQos::default()
+        },
+        filters: None,
+        kind: PayloadKind::None,
+        payload: &[],
+    });
+    bytes
+}
+
+#[test]
+fn who_says_goodbye_and_is_back_at_once_is_taken_in_again() {
+    for answers in [true, false] {
+        let mut net = hosts(&[answers]);
+        let slot = net.attach(0);
+        let reader = net.declare(0, endpoint(slot, 1, READER));
+        let (writer, publication) = publication();
+        let come = [announcement(), acknack(1), publication];
+        let say = |net: &mut Net, messages: &[Vec<u8>]| {
+            for bytes in messages {
+                net.inject(address(), GROUP, bytes.clone());
+            }
+        };
+        say(&mut net, &come);
+        net.run(SECOND);
+        assert_eq!(matches(&net.replies(0)), [writer]);
+        for _ in 0..3 {
+            say(&mut net, &[farewell()]);
+            say(&mut net, &come);
+            net.run(SECOND);
+            let replies = net.replies(0);
+            assert!(replies.contains(&unmatched(reader, writer)));
+            assert_eq!(matches(&replies), [writer]);
+        }
+        // What the layer learns late has happened before.
+        net.hosts[0].is_stopped = true;
+        say(&mut net, &[farewell()]);
+        say(&mut net, &come);
+        net.run(SECOND);
+        net.hosts[0].is_stopped = false;
+        net.run(SECOND);
+        say(&mut net, &come);
+        net.run(SECOND);
+        assert_eq!(matches(&net.replies(0)).last(), Some(&writer));
+    }
+}
+
+#[test]
+fn who_acknowledges_without_naming_us_is_proven() {
+    let mut net = hosts(&[true]);
+    let mut bytes = Vec::new();
+    MessageWriter::new(&mut bytes, STRANGER).acknack(&AckNack {
+        reader: EntityId::SEDP_PUBLICATIONS_READER,
+        writer: EntityId::SEDP_PUBLICATIONS_WRITER,
+        state: SequenceNumberSet::empty(SequenceNumber(1)),
+        count: 1,
+        is_final: true,
+    });
+    net.inject(address(), GROUP, announcement());
+    net.inject(address(), GROUP, bytes);
+    net.run(SECOND);
+    assert_eq!(net.hosts[0].peers, [STRANGER].into());
+    assert!(net.kernel(0).strangers.is_empty());
 }
 
 #[test]

@@ -75,6 +75,12 @@ fn new_addresses_reach_the_others() {
     assert_eq!(remote.unicast, [user.parse().unwrap()]);
     told(&mut net);
     assert_eq!(net.replies(1), []);
+    // Without any the host cannot be heard, and those of before may come back.
+    let now = net.now;
+    net.hosts[0].layer.set_addresses(now, vec![], vec![]);
+    net.run(SECOND);
+    told(&mut net);
+    assert_eq!(net.replies(1), []);
 }
 
 #[test]

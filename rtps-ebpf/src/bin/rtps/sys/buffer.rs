@@ -15,7 +15,7 @@ use aya_ebpf::{
 };
 use rtps_ebpf::{Bytes, frame::UDP_LEN};
 
-use super::{Packet, fits};
+use super::{Overwrite, Packet, fits};
 
 /// `PACKET_HOST` of linux/if_packet.h: addressed to this host's interface.
 const PACKET_HOST: u32 = 0;
@@ -222,6 +222,13 @@ impl LinkBuffer {
     pub(crate) fn send(&self, ifindex: u32) -> Result<(), ()> {
         // SAFETY: the context is the program's own.
         succeed(unsafe { bpf_clone_redirect(self.context, ifindex, 0) })
+    }
+}
+
+impl Overwrite for LinkBuffer {
+    #[inline(always)]
+    fn store_u16(&self, offset: u32, value: u16) -> Result<(), ()> {
+        self.store(offset, &value.to_be_bytes())
     }
 }
 

@@ -10,7 +10,7 @@ use aya_ebpf::{
 };
 use rtps_ebpf::Bytes;
 
-use super::{Packet, fits};
+use super::{Overwrite, Packet, fits};
 
 /// An Ethernet frame at the XDP hook.
 pub(crate) struct Frame {
@@ -44,10 +44,11 @@ impl Frame {
             len,
         }
     }
+}
 
-    /// Overwrites two bytes with a number in network order.
+impl Overwrite for Frame {
     #[inline(always)]
-    pub(crate) fn store_u16(&self, offset: u32, value: u16) -> Result<(), ()> {
+    fn store_u16(&self, offset: u32, value: u16) -> Result<(), ()> {
         let mut bytes = value.to_be_bytes();
         // SAFETY: the helper reads the two bytes that it is given.
         match unsafe { bpf_xdp_store_bytes(self.context, offset, (&raw mut bytes).cast(), 2) } {
