@@ -174,7 +174,7 @@ impl Bench {
                 let filter = divisor.map(|divisor| -> PayloadFilter {
                     Arc::new(move |_, payload| payload.len() % (usize::from(divisor) + 1) == 0)
                 });
-                self.reader().set_content_filter(filter);
+                self.reader().set_content_filter(filter, None);
             }
             Operation::Take { max } => self.take(max.into()),
             Operation::Read { max } => {

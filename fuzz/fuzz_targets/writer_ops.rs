@@ -15,7 +15,7 @@ use rtps_user::endpoints::Endpoints;
 use rtps_user::filter::PayloadFilter;
 use rtps_user::history::{ChangeKind, NewChange};
 use rtps_user::wire::{
-    EntityId, EntityKind, Guid, KeyHash, SequenceNumber, SubmessageKind, Timestamp,
+    EntityId, EntityKind, FilterSignature, Guid, KeyHash, SequenceNumber, SubmessageKind, Timestamp,
 };
 use rtps_user::writer::{Writer, WriterConfig, WriterTiming};
 
@@ -119,8 +119,10 @@ impl Bench {
             }
             Operation::Filter { reader, divisor } => {
                 let (guid, _) = reader_of(reader);
-                let filter = divisor.map(|divisor| -> PayloadFilter {
-                    Arc::new(move |_, payload| payload.len() % (usize::from(divisor) + 1) == 0)
+                let filter = divisor.map(|divisor| {
+                    let passes: PayloadFilter =
+                        Arc::new(move |_, payload| payload.len() % (usize::from(divisor) + 1) == 0);
+                    (passes, FilterSignature([divisor; 16]))
                 });
                 self.writer_mut().set_reader_filter(guid, filter);
             }

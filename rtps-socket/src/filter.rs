@@ -33,7 +33,8 @@ pub fn payload_filter<T: DdsType>(expression: Expression) -> PayloadFilter {
 
 /// The filter that a remote reader announces; `None` where it is not understood, so that everything is to be sent.
 pub(crate) fn announced_filter<T: DdsType>(filter: &ContentFilter) -> Option<PayloadFilter> {
-    if filter.class != ContentFilter::SQL {
+    let is_ours = filter.class == ContentFilter::SQL_WITH_FNMATCH;
+    if filter.class != ContentFilter::SQL && !is_ours {
         return None;
     }
     let expression = Expression::parse(&filter.expression, &filter.parameters);
@@ -41,6 +42,7 @@ pub(crate) fn announced_filter<T: DdsType>(filter: &ContentFilter) -> Option<Pay
         .map_err(|error| error.to_string())
         .and_then(|expression| bind::<T>(expression).map_err(|error| error.to_string()));
     match bound {
+        Ok(expression) if expression.is_ambiguous() && !is_ours => None,
         Ok(expression) => Some(payload_filter::<T>(expression)),
         Err(error) => {
             tracing::info!(

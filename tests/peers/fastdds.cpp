@@ -18,9 +18,14 @@
 #include <fastdds/dds/subscriber/DataReaderListener.hpp>
 #include <fastdds/dds/subscriber/SampleInfo.hpp>
 #include <fastdds/dds/subscriber/Subscriber.hpp>
+#include <fastdds/dds/topic/ContentFilteredTopic.hpp>
 #include <fastdds/dds/topic/Topic.hpp>
 #include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
 #include <fastdds/rtps/transport/UDPv6TransportDescriptor.h>
+#include <fastrtps/types/DynamicPubSubType.h>
+#include <fastrtps/types/DynamicTypeBuilder.h>
+#include <fastrtps/types/DynamicTypeBuilderFactory.h>
+#include <fastrtps/types/DynamicTypeBuilderPtr.h>
 #include <fastrtps/utils/IPLocator.h>
 
 using namespace eprosima::fastdds::dds;
@@ -31,6 +36,10 @@ using eprosima::fastrtps::Duration_t;
 using eprosima::fastrtps::rtps::InstanceHandle_t;
 using eprosima::fastrtps::rtps::IPLocator;
 using eprosima::fastrtps::rtps::Locator_t;
+using eprosima::fastrtps::types::DynamicPubSubType;
+using eprosima::fastrtps::types::DynamicType_ptr;
+using eprosima::fastrtps::types::DynamicTypeBuilder_ptr;
+using eprosima::fastrtps::types::DynamicTypeBuilderFactory;
 using eprosima::fastrtps::types::ReturnCode_t;
 
 namespace {
@@ -283,6 +292,36 @@ bool subscribe(const ReaderEvents& events)
     return events.received >= options.count;
 }
 
+// Filters look into samples by the description that is known under the type's name. Registering a
+// dynamic type under any name makes its description known under its own.
+void describe_type(DomainParticipant* participant)
+{
+    auto factory = DynamicTypeBuilderFactory::get_instance();
+    DynamicTypeBuilder_ptr octets(factory->create_sequence_builder(factory->create_byte_type()));
+    DynamicTypeBuilder_ptr shape(factory->create_struct_builder());
+    shape->set_name("ShapeType");
+    shape->add_member(0, "color", factory->create_string_type(PEER_COLOR_MAX));
+    shape->add_member(1, "x", factory->create_int32_type());
+    shape->add_member(2, "y", factory->create_int32_type());
+    shape->add_member(3, "shapesize", factory->create_int32_type());
+    shape->add_member(4, "additional_payload_size", octets->build());
+    TypeSupport description(new DynamicPubSubType(shape->build()));
+    checked("register_type", description.register_type(participant, "description"));
+}
+
+// What is read: the topic, or what a filter leaves of it.
+TopicDescription* description(DomainParticipant* participant, Topic* topic)
+{
+    if (options.filter == nullptr)
+        return topic;
+    std::vector<std::string> parameters;
+    if (options.parameter != nullptr)
+        parameters.emplace_back(options.parameter);
+    return checked("create_contentfilteredtopic",
+                   participant->create_contentfilteredtopic("Filtered", topic, options.filter,
+                                                            parameters));
+}
+
 bool run_publisher(DomainParticipant* participant, Topic* topic)
 {
     PublisherQos group;
@@ -314,7 +353,8 @@ bool run_subscriber(DomainParticipant* participant, Topic* topic)
     DataReaderQos qos = endpoint_qos(DataReaderQos());
     ReaderEvents events;
     auto reader =
-        checked("create_datareader", subscriber->create_datareader(topic, qos, &events));
+        checked("create_datareader", subscriber->create_datareader(
+                                         description(participant, topic), qos, &events));
     bool complete = subscribe(events);
     reader->set_listener(nullptr);
     return complete;
@@ -337,6 +377,8 @@ int main(int argc, char** argv)
                                factory->create_participant(options.domain, participant_qos()));
     TypeSupport type(new ShapeTypeSupport(options.size));
     checked("register_type", type.register_type(participant));
+    if (options.filters || options.filter != nullptr)
+        describe_type(participant);
     auto topic = checked("create_topic", participant->create_topic(options.topic, "ShapeType",
                                                                    TOPIC_QOS_DEFAULT));
     bool complete = options.publisher ? run_publisher(participant, topic)

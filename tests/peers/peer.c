@@ -38,7 +38,10 @@ static void usage(const char *program)
             "  --interface I        network interface (Cyclone: name, Fast DDS: address)\n"
             "  --deadline-ms D      deadline QoS (none)\n"
             "  --liveliness-ms L    lease of AUTOMATIC liveliness (none)\n"
-            "  --strength N         EXCLUSIVE ownership; of a publisher with that strength (SHARED)\n",
+            "  --strength N         EXCLUSIVE ownership; of a publisher with that strength (SHARED)\n"
+            "  --filter E           read what passes this expression (Fast DDS only)\n"
+            "  --filter-parameter P what stands for %%0 in it\n"
+            "  --filters            write only what readers want (Fast DDS only)\n",
             program);
     exit(2);
 }
@@ -106,6 +109,9 @@ static const struct option long_options[] = {
     {"deadline-ms", required_argument, NULL, 'L'},
     {"liveliness-ms", required_argument, NULL, 'A'},
     {"strength", required_argument, NULL, 'G'},
+    {"filter", required_argument, NULL, 'f'},
+    {"filter-parameter", required_argument, NULL, 'F'},
+    {"filters", no_argument, NULL, 'y'},
     {NULL, 0, NULL, 0},
 };
 
@@ -138,6 +144,9 @@ static void apply(struct peer_options *options, int option, const char *program,
     case 'L': options->deadline_ms = number(program, value); break;
     case 'A': options->liveliness_ms = number(program, value); break;
     case 'G': options->strength = (int32_t)number(program, value); break;
+    case 'f': options->filter = value; break;
+    case 'F': options->parameter = value; break;
+    case 'y': options->filters = true; break;
     default: usage(program);
     }
 }

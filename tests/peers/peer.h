@@ -37,6 +37,9 @@ struct peer_options {
     uint64_t deadline_ms;  /* 0: no deadline */
     uint64_t liveliness_ms; /* lease of AUTOMATIC liveliness, 0: infinite */
     int32_t strength;      /* of EXCLUSIVE ownership, -1: SHARED */
+    const char *filter;     /* a subscriber's filter expression, NULL: none (Fast DDS only) */
+    const char *parameter;  /* its %0, NULL: none */
+    bool filters;           /* a publisher filters as readers want (Fast DDS only) */
 };
 
 /* Reads the command line; prints the usage and exits with 2 when it cannot. */

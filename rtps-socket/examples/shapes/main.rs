@@ -137,9 +137,20 @@ fn subscribe(
     topic: &Topic<ShapeType>,
     group: Qos,
 ) -> Result<bool> {
-    let reader = participant
-        .create_subscriber(group)
-        .create_reader(topic, options.qos())?;
+    let subscriber = participant.create_subscriber(group);
+    let reader = match &options.filter {
+        None => subscriber.create_reader(topic, options.qos())?,
+        Some(expression) => {
+            let parameters: Vec<&str> = options.filter_parameter.as_deref().into_iter().collect();
+            let wanted = participant.create_content_filtered_topic(
+                "Filtered",
+                topic,
+                expression,
+                &parameters,
+            )?;
+            subscriber.create_reader(&wanted, options.qos())?
+        }
+    };
     reader.set_listener(print_status);
     let mut received = 0;
     let mut linger_until = None;

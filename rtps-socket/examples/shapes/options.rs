@@ -112,6 +112,12 @@ pub(crate) struct Options {
     /// Ignore the writers that are matched when so many samples have come.
     #[arg(long)]
     pub(crate) ignore_after: Option<u64>,
+    /// Read what passes this expression.
+    #[arg(long)]
+    pub(crate) filter: Option<String>,
+    /// What stands for %0 in it.
+    #[arg(long)]
+    pub(crate) filter_parameter: Option<String>,
     /// For the other peers' sake; this one prints nothing else.
     #[arg(long)]
     pub(crate) json: bool,

@@ -132,7 +132,8 @@ macro_rules! cdr_number {
 primitive!(i8 i16 u16 i32 u32 i64 u64 u128 f32 f64);
 cdr_number!(Integer, Int: i8 = INT8 i16 = INT16 i32 = INT32 i64 = INT64);
 cdr_number!(Integer, UInt: u8 = BYTE u16 = UINT16 u32 = UINT32 u64 = UINT64);
-cdr_number!(Float, Float: f32 = FLOAT32 f64 = FLOAT64);
+cdr_number!(Float32, Float: f32 = FLOAT32);
+cdr_number!(Float, Float: f64 = FLOAT64);
 
 impl Primitive for u8 {
     const SIZE: usize = 1;

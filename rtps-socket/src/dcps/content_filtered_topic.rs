@@ -74,17 +74,21 @@ impl<T: DdsType> ContentFilteredTopic<T> {
             return Err(CreateError::InvalidName(name.to_owned()).into());
         }
         let parameters = owned(parameters)?;
-        let payloads = compiled::<T>(expression, &parameters)?;
+        let bound = bind::<T>(Expression::parse(expression, &parameters)?)?;
+        let class = match bound.is_ambiguous() {
+            true => ContentFilter::SQL_WITH_FNMATCH,
+            false => ContentFilter::SQL,
+        };
         let announced = ContentFilter {
             name: name.to_owned(),
             related_topic: topic.name().to_owned(),
-            class: ContentFilter::SQL.to_owned(),
+            class: class.to_owned(),
             expression: expression.to_owned(),
             parameters,
         };
         let state = State {
             announced,
-            payloads,
+            payloads: payload_filter::<T>(bound),
             readers: Vec::new(),
         };
         Ok(Self {

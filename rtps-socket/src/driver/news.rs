@@ -72,7 +72,9 @@ impl Core {
             return;
         };
         if let Some(make_filter) = entity.declaration.make_filter {
-            let filter = remote.content_filter.as_ref().and_then(make_filter);
+            let announced = remote.content_filter.as_ref();
+            let filter =
+                announced.and_then(|filter| Some((make_filter(filter)?, filter.signature())));
             writer.set_reader_filter(remote.guid, filter);
         }
         if let Some(bare_key) = entity.declaration.bare_key

@@ -14,7 +14,7 @@ use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::Arc;
 
 use rtps_user::layer::protocol::MAX_USER_DATA;
-use rtps_user::qos::Presentation;
+use rtps_user::qos::{ContentFilter, Presentation};
 use rtps_user::reader::{InstanceOf, ReaderConfig, ReaderTiming};
 use rtps_user::wire::{EntityKind, Guid};
 use rtps_user::writer::{WriterConfig, WriterTiming};
@@ -136,6 +136,10 @@ impl RtpsSocket {
                 max_sample_size: ReaderConfig::MAX_SAMPLE_SIZE,
                 instance_of,
                 content_filter: template.payload_filter.clone(),
+                filter_signature: template
+                    .content_filter
+                    .as_ref()
+                    .map(ContentFilter::signature),
                 timing: ReaderTiming::default(),
             });
             core.declare(now, template.into_declaration(guid.entity));

@@ -355,7 +355,7 @@ impl FilterSetter {
             endpoint.content_filter = Some(announced.clone());
             check_endpoint(endpoint)?;
             if let Some(reader) = core.endpoints.reader_mut(self.reader) {
-                reader.set_content_filter(Some(payloads));
+                reader.set_content_filter(Some(payloads), Some(announced.signature()));
             }
             core.change_filter(now, self.reader, announced);
             Ok(())

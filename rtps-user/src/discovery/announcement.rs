@@ -153,6 +153,7 @@ mod tests {
             writer,
             sequence: SequenceNumber(4),
             inline_qos,
+            filters: None,
             kind: PayloadKind::Data,
             payload: &payload,
         });

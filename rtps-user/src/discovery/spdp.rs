@@ -214,6 +214,7 @@ impl Announcer {
             writer: EntityId::SPDP_WRITER,
             sequence: self.sequence,
             inline_qos: InlineQos::default(),
+            filters: None,
             kind: PayloadKind::Data,
             payload: &self.payload,
         }
@@ -263,6 +264,7 @@ mod tests {
                 },
                 ..InlineQos::default()
             },
+            filters: None,
             kind,
             payload,
         }

@@ -138,6 +138,11 @@ impl Predicate {
         }
     }
 
+    /// Whether vendors differ on what it means.
+    pub(super) fn is_ambiguous(&self) -> bool {
+        matches!(self, Self::Pattern(_, Pattern::Match(_)))
+    }
+
     /// The members that are compared.
     pub(super) fn members(&self) -> impl Iterator<Item = &MemberPath> {
         let (first, second) = match self {

@@ -70,6 +70,16 @@ impl Expression {
         condition.is_none_or(|condition| condition.evaluate(sample) == Some(true))
     }
 
+    /// Whether it has an operator that is not of DDS 1.4: MATCH, which vendors have given different meanings (Connext takes
+    /// patterns of `fnmatch`, Fast DDS regular expressions). Only who wrote such an expression knows what it means.
+    pub fn is_ambiguous(&self) -> bool {
+        let mut is_ambiguous = false;
+        if let Some(condition) = &self.condition {
+            condition.for_each(&mut |predicate| is_ambiguous |= predicate.is_ambiguous());
+        }
+        is_ambiguous
+    }
+
     /// The paths of all members that are compared, as [`Fields::field`] takes them; before it is bound also the names
     /// of enumerated literals that stand without quotes.
     pub fn members(&self) -> Vec<Vec<String>> {

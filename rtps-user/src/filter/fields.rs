@@ -43,6 +43,8 @@ pub enum Kind {
     Integer,
     /// [`Value::Float`].
     Float,
+    /// [`Value::Float`] of a number with 32 bits: what it is compared with is rounded to as many.
+    Float32,
     /// [`Value::Char`].
     Char,
     /// [`Value::Str`].
@@ -52,9 +54,15 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// Whether members of the two kinds compare with each other: numbers do, of whatever kind.
+    /// Whether members of the two kinds compare with each other: numbers do, of whatever kind, and so do texts.
     pub(super) fn compares_with(self, other: Self) -> bool {
-        let is_number = |kind| matches!(kind, Self::Integer | Self::Float | Self::Enum(_));
-        self == other || (is_number(self) && is_number(other))
+        let is_number = |kind| {
+            matches!(
+                kind,
+                Self::Integer | Self::Float | Self::Float32 | Self::Enum(_)
+            )
+        };
+        let is_text = |kind| matches!(kind, Self::Char | Self::String);
+        self == other || (is_number(self) && is_number(other)) || (is_text(self) && is_text(other))
     }
 }

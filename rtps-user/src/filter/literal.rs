@@ -42,6 +42,15 @@ impl Number {
         }
     }
 
+    /// The number as a member with 32 bits would have it; what that could not hold stays as it is.
+    fn rounded(self) -> Self {
+        let rounded = f64::from(self.as_float() as f32);
+        match rounded.is_finite() {
+            true => Self::Float(rounded),
+            false => self,
+        }
+    }
+
     fn as_float(self) -> f64 {
         match self {
             Self::Integer(value) => value as f64,
@@ -104,8 +113,11 @@ impl Literal {
         let fits = match kind {
             Kind::Bool => self.boolean.is_some(),
             Kind::Integer | Kind::Float => self.number.is_some(),
-            Kind::Char => self.character().is_some(),
-            Kind::String => self.text.is_some(),
+            Kind::Float32 => {
+                self.number = self.number.map(Number::rounded);
+                self.number.is_some()
+            }
+            Kind::Char | Kind::String => self.text.is_some(),
             Kind::Enum(literals) => {
                 if let Some(text) = &self.text {
                     let named = literals.iter().find(|(name, _)| name == text);
@@ -122,18 +134,12 @@ impl Literal {
     pub(super) fn compare(&self, value: Value<'_>) -> Option<Ordering> {
         match value {
             Value::Bool(value) => Some(value.cmp(&self.boolean?)),
-            Value::Char(value) => Some(value.cmp(&self.character()?)),
+            Value::Char(value) => Some(compare_char(value, self.as_text()?)),
             Value::Str(value) => Some(value.cmp(self.as_text()?)),
             Value::Int(_) | Value::UInt(_) | Value::Float(_) => {
                 number_of(value)?.compare(self.number?)
             }
         }
-    }
-
-    fn character(&self) -> Option<char> {
-        let mut characters = self.as_text()?.chars();
-        let character = characters.next()?;
-        characters.next().is_none().then_some(character)
     }
 }
 
@@ -143,8 +149,15 @@ pub(super) fn compare_values(left: Value<'_>, right: Value<'_>) -> Option<Orderi
         (Value::Bool(left), Value::Bool(right)) => Some(left.cmp(&right)),
         (Value::Char(left), Value::Char(right)) => Some(left.cmp(&right)),
         (Value::Str(left), Value::Str(right)) => Some(left.cmp(right)),
+        (Value::Char(left), Value::Str(right)) => Some(compare_char(left, right)),
+        (Value::Str(left), Value::Char(right)) => Some(compare_char(right, left).reverse()),
         _ => number_of(left)?.compare(number_of(right)?),
     }
+}
+
+/// A character compares as a text of its own.
+fn compare_char(character: char, text: &str) -> Ordering {
+    (*character.encode_utf8(&mut [0; 4])).cmp(text)
 }
 
 /// The value of TRUE and FALSE, which like all keywords are written in either case.

@@ -5,7 +5,8 @@
 //! without a limit: see [`ParseError`] for what is refused.
 //!
 //! Beside the annex's grammar are understood: `!=`, texts in double quotes, `[2]` for the elements of sequences, and
-//! `MATCH` with a list of `fnmatch` patterns, which Connext sends.
+//! `MATCH` with a list of `fnmatch` patterns, which Connext has: see [`Expression::is_ambiguous`]. LIKE has no escapes, as in
+//! the annex.
 
 mod condition;
 mod error;

@@ -17,6 +17,7 @@ impl Fields for Shape {
             ["x"] => Value::Int(-3),
             ["size"] => Value::UInt(u64::MAX),
             ["weight"] => Value::Float(2.5),
+            ["ratio"] => Value::Float(f64::from(0.1f32)),
             ["void"] => Value::Float(f64::NAN),
             ["visible"] => Value::Bool(true),
             ["grade"] => Value::Char('B'),
@@ -33,6 +34,7 @@ fn type_of(path: &[&str]) -> Option<FieldType> {
         ["color"] => Kind::String,
         ["x" | "size" | "note"] | ["at", "y"] | ["legs", _, "length"] => Kind::Integer,
         ["weight" | "void"] => Kind::Float,
+        ["ratio"] => Kind::Float32,
         ["visible"] => Kind::Bool,
         ["grade"] => Kind::Char,
         ["fill"] => Kind::Enum(COLORS),
@@ -98,6 +100,16 @@ fn comparisons_that_hold() {
             "visible <> false",
             "grade = 'B'",
             "grade > 'A'",
+            "grade < 'BC'",
+            "grade BETWEEN 'A' AND 'Z'",
+            "grade < color",
+            "color > grade",
+            "ratio = 0.1",
+            "0.1 >= ratio",
+            "ratio BETWEEN 0.1 AND 0.1",
+            "ratio < 1",
+            "ratio < 1e300",
+            "ratio <> 0.10001",
             "at.y = 7",
             "legs[1].length = 40",
         ],
@@ -116,6 +128,11 @@ fn comparisons_that_do_not_hold() {
             "x > size",
             "visible = FALSE",
             "grade = 'b'",
+            "grade = 'BC'",
+            "grade > color",
+            "ratio > 0.1",
+            "ratio <> 0.1",
+            "ratio = weight",
             "fill = 5",
             "size < 0",
         ],
@@ -246,6 +263,10 @@ fn parameters_are_read_as_the_member_wants() {
     assert!(holds_with("color LIKE %0", &["'PUR%'"]));
     assert!(holds_with("color LIKE %0", &["PUR%"]));
     assert!(holds_with("%0 < weight", &["2.25"]));
+    assert!(holds_with("ratio = %0", &["0.1"]));
+    assert!(holds_with("grade = %0 OR grade = %1", &["7", "B"]));
+    assert!(holds_with("visible = %0", &["true"]));
+    assert!(holds_with("at.y = %0", &["7.0"]));
     let last = vec!["B"; 100];
     assert!(holds_with("grade = %99", &last));
     let text = "color = %0";
@@ -348,7 +369,9 @@ fn what_the_type_does_not_have_is_refused() {
         ("color = 3", incomparable("color")),
         ("x = TRUE", incomparable("x")),
         ("visible = 1", incomparable("visible")),
-        ("grade = 'AB'", incomparable("grade")),
+        ("grade = 3", incomparable("grade")),
+        ("ratio = '0.1'", incomparable("ratio")),
+        ("grade = x", incomparable("grade")),
         ("fill = 'PURPLE'", incomparable("fill")),
         ("fill = PURPLE", incomparable("fill")),
         ("x BETWEEN 1 AND 'b'", incomparable("x")),

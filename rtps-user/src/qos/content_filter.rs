@@ -1,9 +1,10 @@
 //! The filter that a reader announces (ContentFilterProperty_t, RTPS 2.5 table 9.12 and section 9.6.3.4).
 
+use md5::{Digest, Md5};
 use serde::{Deserialize, Serialize};
 
 use super::parameters::write_string;
-use crate::wire::{Cursor, ParameterId, ParameterWriter, WireError};
+use crate::wire::{Cursor, FilterSignature, ParameterId, ParameterWriter, WireError};
 
 /// PID_CONTENT_FILTER_PROPERTY.
 pub(crate) const CONTENT_FILTER_PROPERTY: ParameterId = ParameterId(0x0035);
@@ -29,6 +30,26 @@ pub struct ContentFilter {
 impl ContentFilter {
     /// The name of the language of DDS 1.4 annex B.
     pub const SQL: &'static str = "DDSSQL";
+
+    /// The name of that language with MATCH as it is understood here, which others would take for something else.
+    pub const SQL_WITH_FNMATCH: &'static str = "DDSSQL+FNMATCH";
+
+    /// What writers name the filter by that have put samples to it (RTPS 2.5 section 9.6.4.1): the MD5 of all its texts,
+    /// each with its NUL.
+    pub fn signature(&self) -> FilterSignature {
+        let texts = [
+            &self.name,
+            &self.related_topic,
+            &self.class,
+            &self.expression,
+        ];
+        let mut digest = Md5::new();
+        for text in texts.into_iter().chain(&self.parameters) {
+            digest.update(text);
+            digest.update([0]);
+        }
+        FilterSignature(digest.finalize().into())
+    }
 
     pub(crate) fn read(value: &mut Cursor<'_>) -> Result<Self, WireError> {
         let mut string = || value.string().map(str::to_owned);

@@ -100,7 +100,8 @@ pub enum Durability {
     Persistent,
 }
 
-/// DURABILITY_SERVICE: what a durability service keeps of a topic whose samples outlive their writer.
+/// DURABILITY_SERVICE: what is kept of a TRANSIENT or PERSISTENT topic, here by the writer while it lives. The default leaves
+/// it to the writer's HISTORY.
 #[derive(Clone, Copy, Debug, Default, Deserialize, Eq, PartialEq, Serialize)]
 pub struct DurabilityService {
     /// How long what is known of an instance stays after it was disposed and all its writers have gone.

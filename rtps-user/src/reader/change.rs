@@ -6,7 +6,8 @@ use bytes::Bytes;
 
 use super::ReaderConfig;
 use crate::wire::{
-    GroupDigest, Guid, InlineQos, KeyHash, PayloadKind, SequenceNumber, StatusInfo, Timestamp,
+    ContentFilterInfo, GroupDigest, Guid, InlineQos, KeyHash, PayloadKind, SequenceNumber,
+    StatusInfo, Timestamp,
 };
 
 /// A change that is worth keeping.
@@ -92,6 +93,7 @@ pub(super) struct Arrival<'a> {
     pub(super) timestamp: Option<Timestamp>,
     pub(super) reception: Instant,
     pub(super) inline_qos: &'a InlineQos,
+    pub(super) filters: Option<ContentFilterInfo<'a>>,
     pub(super) kind: PayloadKind,
 }
 
@@ -139,7 +141,9 @@ impl Arrival<'_> {
         }
         if let Some(is_wanted) = &config.content_filter
             && self.kind != PayloadKind::None
-            && !is_wanted(self.kind, payload)
+            && !self
+                .passed(config)
+                .unwrap_or_else(|| is_wanted(self.kind, payload))
         {
             return Meaning::Irrelevant;
         }
@@ -156,6 +160,12 @@ impl Arrival<'_> {
                 instance_of(kind, payload).map_or(Meaning::Malformed, Meaning::Update)
             }
         }
+    }
+
+    /// Whether a sample has passed the reader's filter at the writer; `None` where the reader has to find out.
+    fn passed(&self, config: &ReaderConfig) -> Option<bool> {
+        let filters = self.filters.filter(|_| self.kind == PayloadKind::Data)?;
+        filters.result_of(config.filter_signature?)
     }
 
     /// The change as the reader gets it.

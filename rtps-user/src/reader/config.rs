@@ -7,7 +7,7 @@ use std::time::Duration;
 use crate::CountClock;
 use crate::filter::PayloadFilter;
 use crate::qos::Qos;
-use crate::wire::{Guid, KeyHash, PayloadKind};
+use crate::wire::{FilterSignature, Guid, KeyHash, PayloadKind};
 
 /// Computes the instance that a serialized payload is about, for writers that send no key hash; `None` where the
 /// payload is malformed. The payload begins with its encapsulation header.
@@ -28,6 +28,9 @@ pub struct ReaderConfig {
     pub instance_of: Option<InstanceOf>,
     /// The content filter; what it is not interested in is acknowledged, but does not come in.
     pub content_filter: Option<PayloadFilter>,
+    /// The signature of the filter that is announced, if it is the same: what a writer says that has put a sample to it is
+    /// believed.
+    pub filter_signature: Option<FilterSignature>,
     /// Its timing parameters.
     pub timing: ReaderTiming,
 }
@@ -45,6 +48,7 @@ impl ReaderConfig {
             max_sample_size: Self::MAX_SAMPLE_SIZE,
             instance_of: None,
             content_filter: None,
+            filter_signature: None,
             timing: ReaderTiming::default(),
         }
     }
@@ -59,6 +63,7 @@ impl fmt::Debug for ReaderConfig {
             .field("max_sample_size", &self.max_sample_size)
             .field("instance_of", &self.instance_of.is_some())
             .field("content_filter", &self.content_filter.is_some())
+            .field("filter_signature", &self.filter_signature)
             .field("timing", &self.timing)
             .finish()
     }

@@ -52,7 +52,8 @@ use crate::filter::PayloadFilter;
 use crate::qos::Qos;
 use crate::table::Table;
 use crate::wire::{
-    Data, DataFrag, Gap, Guid, GuidPrefix, Heartbeat, HeartbeatFrag, SequenceNumber, Timestamp,
+    Data, DataFrag, FilterSignature, Gap, Guid, GuidPrefix, Heartbeat, HeartbeatFrag,
+    SequenceNumber, Timestamp,
 };
 use crate::{RemoteEndpoint, Transmit};
 use cache::Cache;
@@ -122,10 +123,16 @@ impl Reader {
         self.config.qos = qos;
     }
 
-    /// Sets or changes the content filter, for what arrives from now on.
-    pub fn set_content_filter(&mut self, filter: Option<PayloadFilter>) {
+    /// Sets or changes the content filter, for what arrives from now on, and the signature of the one that is announced, if it is
+    /// the same.
+    pub fn set_content_filter(
+        &mut self,
+        filter: Option<PayloadFilter>,
+        signature: Option<FilterSignature>,
+    ) {
         self.cache.is_filtered = filter.is_some();
         self.config.content_filter = filter;
+        self.config.filter_signature = signature;
     }
 
     /// Matches a writer, or takes over the changed locators and policies of a matched one.
@@ -200,6 +207,7 @@ impl Reader {
             timestamp,
             reception: now,
             inline_qos: &data.inline_qos,
+            filters: data.filters,
             kind: data.kind,
         };
         self.receive(place, &arrival, Payload::Borrowed(data.payload), None);
@@ -240,6 +248,7 @@ impl Reader {
             timestamp: assembled.timestamp,
             reception: now,
             inline_qos: &assembled.inline_qos,
+            filters: None,
             kind: assembled.kind,
         };
         let payload = Payload::Owned(assembled.payload);

@@ -28,8 +28,9 @@ pub use parameter_list::{Parameter, ParameterId, ParameterList, ParameterWriter}
 pub use receiver::{MessageReceiver, Received};
 pub use sequence_number::{FragmentNumberSet, SequenceNumber, SequenceNumberSet};
 pub use submessage::{
-    AckNack, Data, DataFrag, Gap, GroupDigest, Heartbeat, HeartbeatFrag, HeartbeatGroup, InlineQos,
-    KeyHash, NackFrag, PayloadKind, StatusInfo, Submessage, SubmessageKind,
+    AckNack, ContentFilterInfo, Data, DataFrag, FilterSignature, Gap, GroupDigest, Heartbeat,
+    HeartbeatFrag, HeartbeatGroup, InlineQos, KeyHash, NackFrag, PayloadKind, StatusInfo,
+    Submessage, SubmessageKind,
 };
 pub use time::{Duration, Timestamp};
 pub use writer::{DataFragment, MessageWriter};

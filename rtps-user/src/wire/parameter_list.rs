@@ -16,6 +16,8 @@ impl ParameterId {
     pub const TOPIC_NAME: Self = Self(0x0005);
     /// PID_LIFESPAN.
     pub const LIFESPAN: Self = Self(0x002b);
+    /// PID_CONTENT_FILTER_INFO.
+    pub const CONTENT_FILTER_INFO: Self = Self(0x0055);
     /// PID_COHERENT_SET.
     pub const COHERENT_SET: Self = Self(0x0056);
     /// PID_GROUP_COHERENT_SET.

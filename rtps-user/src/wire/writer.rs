@@ -99,6 +99,13 @@ impl<'a> MessageWriter<'a> {
         self.submessage(SubmessageKind::DATA, flags, |out| data.encode(more, out));
     }
 
+    /// DATA with parameters of its own, written already and without sentinel.
+    pub fn data_with(&mut self, data: &Data<'_>, own: &[u8]) {
+        let more = [self.parameters, own].concat();
+        let flags = data.flags(!more.is_empty());
+        self.submessage(SubmessageKind::DATA, flags, |out| data.encode(&more, out));
+    }
+
     /// DATA_FRAG with one fragment; nothing where the sample has no such fragment.
     pub fn data_fragment(&mut self, fragment: &DataFragment<'_>) {
         let size = usize::from(fragment.fragment_size);
@@ -212,6 +219,7 @@ mod tests {
                 writer_group: Some(GroupDigest([1, 2, 3, 4])),
                 lifespan: Some(Duration::INFINITE),
             },
+            filters: None,
             kind: PayloadKind::Key,
             payload: &[0, 1, 0, 0, 1, 2, 3, 4],
         }

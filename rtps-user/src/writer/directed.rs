@@ -125,8 +125,12 @@ impl Writer {
             interest: &proxy.interest,
         };
         let layout = self.layout.clone();
+        let filter_info = proxy.interest.filter_info();
         let mut packet =
             Packet::directed(out, &layout, reader).with_bare_key(proxy.interest.bare_key());
+        if let Some(info) = &filter_info {
+            packet.set_filter_info(info);
+        }
         let timing = &self.config.timing;
         let is_filled = proxy.outbox.fill(now, &source, timing, &mut packet);
         if is_filled && proxy.outbox.wants_heartbeat() && packet.has_room_for_heartbeat() {

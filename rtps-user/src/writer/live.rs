@@ -1,9 +1,11 @@
 //! The stream of new changes to all matched readers at once.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::Instant;
 
 use super::heartbeat::Sent;
+use super::selection::Audience;
 use super::{Packet, Position, ReaderProxy, Writer};
 use crate::Transmit;
 use crate::wire::{Guid, Heartbeat, SequenceNumber, SequenceNumberSet};
@@ -115,11 +117,19 @@ impl Writer {
             return Some(transmit);
         }
         let layout = self.layout.clone();
+        let filter_info = self.selection.filter_info();
         let mut packet = Packet::undirected(out, &layout);
+        if let Some(info) = &filter_info {
+            packet.set_filter_info(info);
+        }
         // While there is more to send, a HEARTBEAT is a datagram of its own, so that those around it stay equally long.
         let is_owed = self.heartbeats.is_due();
+        let audience = self.selection.audience_of(self.live.end());
+        let audience = audience.filter(|_| !is_owed);
+        let audience = audience.map(|audience| Arc::clone(&audience.destinations));
+        let is_for_all = audience.is_none();
         if !is_owed && !self.announce_fragments(now, &mut packet) {
-            self.fill_changes(now, &mut packet);
+            self.fill_changes(now, is_for_all, &mut packet);
             if packet.is_empty() {
                 // The window may have closed just now.
                 self.announce_fragments(now, &mut packet);
@@ -128,6 +138,7 @@ impl Writer {
         let is_drained = self.live.end() > self.last;
         if self.wants_heartbeat_to_all()
             && (is_owed || is_drained)
+            && is_for_all
             && packet.has_room_for_heartbeat()
         {
             self.heartbeat_to_all(now, &mut packet);
@@ -135,7 +146,7 @@ impl Writer {
         let is_sent = packet.finish();
         self.release();
         is_sent.then(|| Transmit {
-            destinations: self.destinations.clone(),
+            destinations: audience.unwrap_or_else(|| self.destinations.clone()),
             dscp: self.dscp,
         })
     }
@@ -167,11 +178,17 @@ impl Writer {
         true
     }
 
-    fn fill_changes(&mut self, now: Instant, packet: &mut Packet<'_>) {
+    /// Appends changes: what is not for all, but one change.
+    fn fill_changes(&mut self, now: Instant, is_for_all: bool, packet: &mut Packet<'_>) {
         let is_reliable = self.has_reliable_readers();
+        let first = self.live.end();
+        let may_append = |sequence| is_for_all || sequence == first;
         let mut sent = Sent::default();
         let mut ends_with_fragment = false;
-        while self.live.end() <= self.last && !self.is_selected_next() {
+        while self.live.end() <= self.last
+            && may_append(self.live.end())
+            && !self.is_selected_next()
+        {
             if self.live.is_in_change() && !self.admits_fragment(now) {
                 break;
             }
@@ -180,7 +197,7 @@ impl Writer {
             if !self.live.skip_removed(sequence, is_reliable, packet) {
                 break;
             }
-            let Some((_, change)) = next else {
+            let Some((_, change)) = next.filter(|_| may_append(sequence)) else {
                 break;
             };
             if !packet.change(&mut self.live.position, change) {
@@ -206,8 +223,8 @@ impl Writer {
     fn admits_fragment(&mut self, now: Instant) -> bool {
         let Position { sequence, fragment } = self.live.position;
         let size = self.fragments_in_window();
-        let readers = &self.readers;
-        let can_tell = || fragment_progress(readers, sequence).is_some();
+        let (readers, audience) = (&self.readers, self.selection.audience_of(sequence));
+        let can_tell = || fragment_progress(readers, audience, sequence).is_some();
         let admits = self
             .fragment_window
             .admits(now, (sequence, fragment), size, can_tell);
@@ -219,7 +236,8 @@ impl Writer {
 
     /// A reader has told how far it has got with the fragments of a change.
     pub(super) fn advance_fragments(&mut self, sequence: SequenceNumber) {
-        if let Some(fragment) = fragment_progress(&self.readers, sequence) {
+        let audience = self.selection.audience_of(sequence);
+        if let Some(fragment) = fragment_progress(&self.readers, audience, sequence) {
             let size = self.fragments_in_window();
             self.fragment_window.advance(sequence, fragment, size);
         }
@@ -262,12 +280,14 @@ impl Writer {
     }
 }
 
-/// The first fragment of a change that a reader lacks; `None` where not all readers tell.
+/// The first fragment of a change that a reader of its audience lacks; `None` where not all of them tell.
 fn fragment_progress(
     readers: &BTreeMap<Guid, ReaderProxy>,
+    audience: Option<&Audience>,
     sequence: SequenceNumber,
 ) -> Option<u32> {
-    let readers = readers.values();
+    let is_served = |proxy: &&ReaderProxy| audience.is_none_or(|some| some.has(proxy.guid()));
+    let readers = readers.values().filter(is_served);
     let progress = readers.map(|proxy| proxy.progress(sequence));
     progress.reduce(|one, other| Some(one?.min(other?)))?
 }

@@ -8,6 +8,7 @@ mod coherent;
 mod config;
 mod count;
 mod directed;
+mod durability_service;
 mod fragment_window;
 mod group;
 mod heartbeat;
@@ -43,6 +44,7 @@ pub use packet::FRAGMENT_OVERHEAD;
 pub use publication::Publication;
 
 use coherent::CoherentSets;
+use durability_service::Service;
 use fragment_window::FragmentWindow;
 use heartbeat::Heartbeats;
 use lifespan::Expiry;
@@ -85,6 +87,8 @@ pub struct Writer {
     selection: Selection,
     expiry: Expiry,
     registry: Option<Box<Registry>>,
+    /// What it keeps for readers to come, where DURABILITY_SERVICE says so.
+    service: Option<Box<Service>>,
     lease: Lease,
     /// Readers that are to be sent something of their own.
     queue: VecDeque<Guid>,
@@ -129,6 +133,7 @@ impl Writer {
             selection: Selection::default(),
             expiry: Expiry::new(config.qos.lifespan.0.to_std()),
             registry: Registry::new(&config.qos),
+            service: Service::new(&config.qos),
             lease: Lease::default(),
             queue: VecDeque::new(),
             may_share: false,
@@ -198,7 +203,7 @@ impl Writer {
         }
         let membership = self.next_membership(group);
         self.last = self.last.next();
-        self.note_unregistration(change.kind, self.last);
+        self.note_unregistration(now, change.kind, self.last);
         if let Some(registry) = &mut self.registry {
             registry.note(now, change.instance, change.kind);
         }
@@ -311,6 +316,9 @@ impl Writer {
         if self.heartbeats.expire(now) {
             self.remind_readers(now);
         }
+        if self.clean_up(now) {
+            self.release();
+        }
         if self.expiry.expire(now, &mut self.history) {
             // There is room again.
             self.events.acknowledged = true;
@@ -335,6 +343,7 @@ impl Writer {
                 .as_ref()
                 .and_then(|registry| registry.deadline()),
             self.lease.deadline(),
+            self.service.as_ref().and_then(|service| service.deadline()),
         ];
         timers.into_iter().flatten().min()
     }

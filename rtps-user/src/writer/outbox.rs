@@ -95,27 +95,39 @@ impl Outbox {
         self.heartbeat = true;
     }
 
-    /// The change `sequence` is to be sent if `is_wanted`. A reliable reader is told what it does not get of all from `start`
-    /// on. Gives whether there is something to be sent.
-    pub(super) fn select(
-        &mut self,
-        start: SequenceNumber,
-        sequence: SequenceNumber,
-        is_wanted: bool,
-        is_reliable: bool,
-    ) -> bool {
-        let gap = start..if is_wanted { sequence } else { sequence.next() };
-        if is_reliable && !gap.is_empty() {
-            match self.selected.back_mut() {
-                Some(Selected::Gap(last)) if last.end == gap.start => last.end = gap.end,
-                _ => self.selected.push_back(Selected::Gap(gap)),
+    /// The change `sequence` is to be sent.
+    pub(super) fn select(&mut self, sequence: SequenceNumber) {
+        let position = Position::start_of(sequence);
+        self.selected.push_back(Selected::Change(position));
+    }
+
+    /// The reader is to be told that it does not get these changes.
+    pub(super) fn skip(&mut self, gap: Range<SequenceNumber>) {
+        if gap.is_empty() {
+            return;
+        }
+        match self.selected.back_mut() {
+            Some(Selected::Gap(last)) if last.end == gap.start => last.end = gap.end,
+            _ => self.selected.push_back(Selected::Gap(gap)),
+        }
+    }
+
+    /// Whether there is something in the place of what goes to all.
+    pub(super) fn has_selected(&self) -> bool {
+        !self.selected.is_empty()
+    }
+
+    /// The reader does not want any more what `wants` says no to; a reliable one is told so.
+    pub(super) fn deselect(&mut self, is_reliable: bool, wants: impl Fn(SequenceNumber) -> bool) {
+        for selected in &mut self.selected {
+            if let Selected::Change(Position { sequence, .. }) = *selected
+                && !wants(sequence)
+            {
+                *selected = Selected::Gap(sequence..sequence.next());
             }
         }
-        if is_wanted {
-            let position = Position::start_of(sequence);
-            self.selected.push_back(Selected::Change(position));
-        }
-        !self.selected.is_empty()
+        let is_told = |selected: &Selected| is_reliable || matches!(selected, Selected::Change(_));
+        self.selected.retain(is_told);
     }
 
     /// The changes from `first` to below `end` are to be sent without being asked for.

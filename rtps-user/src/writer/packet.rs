@@ -130,14 +130,15 @@ impl Layout {
             writer: self.writer.entity,
             sequence,
             inline_qos: self.inline_qos(change),
+            filters: None,
             kind: change.payload_kind(),
             payload: &change.payload,
         }
     }
 
-    /// Bytes of a change's DATA.
-    fn data_len(&self, change: &CacheChange) -> usize {
-        let more = self.parameters().len();
+    /// Bytes of a change's DATA, with so many of `filter_info`.
+    fn data_len(&self, change: &CacheChange, filter_info: usize) -> usize {
+        let more = self.parameters().len() + filter_info;
         let inline_qos = self.inline_qos(change).encoded_len(more);
         DATA_LEN + inline_qos + change.payload.len().next_multiple_of(4)
     }
@@ -180,6 +181,8 @@ pub(super) struct Packet<'a> {
     bare_key: Option<BareKey>,
     timestamp: Option<Timestamp>,
     prologue: usize,
+    /// PID_CONTENT_FILTER_INFO of the samples in here.
+    filter_info: &'a [u8],
 }
 
 impl<'a> Packet<'a> {
@@ -194,6 +197,7 @@ impl<'a> Packet<'a> {
             reader: EntityId::UNKNOWN,
             bare_key: None,
             timestamp: None,
+            filter_info: &[],
         }
     }
 
@@ -209,12 +213,18 @@ impl<'a> Packet<'a> {
             reader: reader.entity,
             bare_key: None,
             timestamp: None,
+            filter_info: &[],
         }
     }
 
     /// Keys are sent as `bare_key` makes them.
     pub(super) fn with_bare_key(self, bare_key: Option<BareKey>) -> Self {
         Self { bare_key, ..self }
+    }
+
+    /// Its samples have passed the filters that `info` names.
+    pub(super) fn set_filter_info(&mut self, info: &'a [u8]) {
+        self.filter_info = info;
     }
 
     /// Whether nothing has been appended.
@@ -334,23 +344,44 @@ impl<'a> Packet<'a> {
     }
 
     fn data(&mut self, sequence: SequenceNumber, change: &CacheChange) -> bool {
-        if !self.has_room(INFO_TS_LEN + self.layout.data_len(change)) {
+        if !self.has_room(INFO_TS_LEN + self.layout.data_len(change, 0)) {
             return false;
         }
+        let filter_info = self.filter_info_for(change);
         self.timestamp(change.timestamp);
-        let bare_key = self.bare_key.and_then(|make| match change.payload_kind() {
-            PayloadKind::Key => make(&change.payload),
-            PayloadKind::Data | PayloadKind::None => None,
-        });
+        let bare_key = self.bare_key_of(change);
         let mut data = self.layout.data(self.reader, sequence, change);
-        if let Some(key) = bare_key
-            .as_deref()
-            .filter(|key| key.len() <= data.payload.len())
-        {
+        if let Some(key) = bare_key.as_deref() {
             data.payload = key;
         }
-        self.message.data(&data);
+        match filter_info {
+            [] => self.message.data(&data),
+            info => self.message.data_with(&data, info),
+        }
         true
+    }
+
+    /// What a sample says of filters, where that fits as well: readers can do without. Fragments never say it, whose size it
+    /// would change.
+    fn filter_info_for(&self, change: &CacheChange) -> &'a [u8] {
+        let info = self.filter_info;
+        if info.is_empty() || change.payload_kind() != PayloadKind::Data {
+            return &[];
+        }
+        match self.has_room(INFO_TS_LEN + self.layout.data_len(change, info.len())) {
+            true => info,
+            false => &[],
+        }
+    }
+
+    /// The key in the form that the reader knows, where that is another.
+    fn bare_key_of(&self, change: &CacheChange) -> Option<Vec<u8>> {
+        let make = self.bare_key?;
+        let key = match change.payload_kind() {
+            PayloadKind::Key => make(&change.payload),
+            PayloadKind::Data | PayloadKind::None => None,
+        };
+        key.filter(|key| key.len() <= change.payload.len())
     }
 
     fn timestamp(&mut self, timestamp: Timestamp) {

@@ -3,7 +3,7 @@
 
 use super::heartbeat::Sent;
 use super::{WriteError, Writer};
-use crate::history::{CacheChange, ChangeKind, Instance, NewChange};
+use crate::history::{CacheChange, Instance, NewChange};
 use crate::qos::{Durability, History, Qos};
 use crate::wire::SequenceNumber;
 
@@ -21,7 +21,7 @@ impl Writer {
         let instance = self.history.instance(change.instance);
         if instance.is_none() && is_reached(self.history.instances(), limits.max_instances) {
             // Others have been unregistered, which readers have not acknowledged yet.
-            return Err(WriteError::HistoryFull);
+            self.make_room_for_instance(limits.max_instances)?;
         }
         match (self.config.qos.history, instance) {
             (History::KeepLast(depth), Some(instance)) => {
@@ -38,13 +38,12 @@ impl Writer {
             (History::KeepAll, _) => {}
         }
         if is_reached(self.history.samples(), limits.max_samples) {
-            self.give_up_oldest()?;
+            self.give_up(self.oldest_sample())?;
         }
         Ok(())
     }
 
-    /// How many changes KEEP_LAST keeps of an instance. There is no durability service but the writer itself, as long as it
-    /// lives: it keeps what DURABILITY_SERVICE asks for where that is more.
+    /// How many changes KEEP_LAST keeps of an instance: what DURABILITY_SERVICE asks for where that is more.
     fn depth(&self, depth: u32) -> u32 {
         let Qos {
             durability,
@@ -72,17 +71,10 @@ impl Writer {
         let done = self.done();
         if self.keeps_past() {
             self.release_unregistered(done);
+            self.limit_past(done);
             self.drop_set_ends(done);
         } else {
             while self.history.pop_through(done).is_some() {}
-        }
-    }
-
-    /// Remembers that an instance's changes may go once its unregistration has been acknowledged: nobody may
-    /// rely on an instance without writers.
-    pub(super) fn note_unregistration(&mut self, kind: ChangeKind, sequence: SequenceNumber) {
-        if kind.status_info().unregistered && self.keeps_past() {
-            self.unregistered.push_back(sequence);
         }
     }
 
@@ -113,8 +105,19 @@ impl Writer {
         self.acknowledged().min(unsent.previous())
     }
 
-    /// As [`give_up`](Self::give_up), for the oldest change that counts.
-    fn give_up_oldest(&mut self) -> Result<(), WriteError> {
+    /// Drops instances that nobody writes any more and all readers know to be gone.
+    fn make_room_for_instance(&mut self, max: Option<u32>) -> Result<(), WriteError> {
+        while is_reached(self.history.instances(), max) {
+            if !self.clean_up_early(self.done()) {
+                return Err(WriteError::HistoryFull);
+            }
+            self.release();
+        }
+        Ok(())
+    }
+
+    /// The oldest change that counts.
+    pub(super) fn oldest_sample(&self) -> Option<SequenceNumber> {
         let mut oldest = self.history.first();
         while let Some(sequence) = oldest
             && self
@@ -125,7 +128,7 @@ impl Writer {
             let next = self.history.next_from(sequence.next());
             oldest = next.map(|(next, _)| next);
         }
-        self.give_up(oldest)
+        oldest
     }
 
     /// Drops a change that all have, though late joiners might still want it.

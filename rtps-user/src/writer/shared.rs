@@ -116,7 +116,8 @@ impl Writer {
         }
     }
 
-    fn addresses_of(&self, readers: &[Guid]) -> Arc<[SocketAddr]> {
+    /// Each once.
+    pub(super) fn addresses_of(&self, readers: &[Guid]) -> Arc<[SocketAddr]> {
         let proxies = readers.iter().filter_map(|reader| self.readers.get(reader));
         let addresses = proxies.flat_map(ReaderProxy::addresses);
         let addresses: BTreeSet<SocketAddr> = addresses.collect();

@@ -103,6 +103,7 @@ impl Remote {
             writer: EntityId::SPDP_WRITER,
             sequence: SequenceNumber(1),
             inline_qos,
+            filters: None,
             kind,
             payload,
         });
@@ -249,6 +250,7 @@ impl Remote {
                 writer,
                 sequence: SequenceNumber(number),
                 inline_qos: InlineQos::default(),
+                filters: None,
                 kind: PayloadKind::Data,
                 payload: &self.writers[topic].samples[number as usize - 1],
             });

@@ -7,6 +7,7 @@ mod best_effort;
 mod coexistence;
 mod durability;
 mod fan_out;
+mod filters;
 mod flow;
 mod instances;
 mod ipv6;

@@ -155,10 +155,11 @@ fn what_is_not_there_has_no_value() {
 #[test]
 fn types_tell_of_members_that_are_absent_and_of_keys() {
     let literals: &[(&str, i64)] = &[("EMPTY", -1), ("Solid", 3)];
-    let types: [(&[&str], _, _); 8] = [
+    let types: [(&[&str], _, _); 9] = [
         (&["name"], Kind::String, true),
         (&["place", "x"], Kind::Integer, true),
         (&["place", "y"], Kind::Float, false),
+        (&["ratio"], Kind::Float32, false),
         (&["fill"], Kind::Enum(literals), false),
         (&["note"], Kind::String, false),
         (&["legs", "99", "x"], Kind::Integer, false),
@@ -196,10 +197,15 @@ mod filters {
     #[test]
     fn data_and_keys_are_judged_by_what_they_hold() {
         let (mut data, mut key) = (Vec::new(), Vec::new());
-        to_payload(&everything(), Representation::Xcdr2, &mut data).unwrap();
+        let sample = Everything {
+            ratio: 0.1,
+            ..everything()
+        };
+        to_payload(&sample, Representation::Xcdr2, &mut data).unwrap();
         key_payload(&everything(), Representation::Xcdr1, &mut key).unwrap();
         for (text, of_data, of_key) in [
             ("name = 'one'", true, true),
+            ("ratio = 0.1 AND letter <= 'xy'", true, true),
             ("name = 'two'", false, false),
             ("place.x > 1", false, false),
             // Not in the key, or not alone.
@@ -226,7 +232,8 @@ mod filters {
         let is_understood =
             |class, text| announced_filter::<Everything>(&filter(class, text)).is_some();
         assert!(is_understood("DDSSQL", "name = %0"));
-        assert!(is_understood("DDSSQL", "name MATCH %0"));
+        assert!(!is_understood("DDSSQL", "name MATCH %0"));
+        assert!(is_understood("DDSSQL+FNMATCH", "name MATCH %0"));
         assert!(!is_understood("DDSSTRINGMATCH", "name = %0"));
         assert!(!is_understood("DDSSQL", "name = %1"));
         assert!(!is_understood("DDSSQL", "colour = %0"));

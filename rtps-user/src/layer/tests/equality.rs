@@ -217,6 +217,7 @@ fn data(writer: EntityId, payload: &[u8], bytes: &mut Vec<u8>) {
         writer,
         sequence: SequenceNumber(1),
         inline_qos: InlineQos::default(),
+        filters: None,
         kind: PayloadKind::Data,
         payload,
     });

@@ -1,7 +1,7 @@
 //! What the network may bring beside what is meant well.
 
 use std::net::SocketAddr;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use super::sim::{GROUP, Net, config, endpoint, prefix};
 use super::{READER, SECOND, WRITER, matched, matches};
@@ -26,6 +26,7 @@ fn message(source: GuidPrefix, writer: EntityId, sequence: i64, payload: &[u8]) 
         writer,
         sequence: SequenceNumber(sequence),
         inline_qos: InlineQos::default(),
+        filters: None,
         kind: PayloadKind::Data,
         payload,
     });
@@ -344,6 +345,7 @@ fn nobody_ends_a_match_of_others() {
             },
             ..InlineQos::default()
         },
+        filters: None,
         kind: PayloadKind::None,
         payload: &[],
     });

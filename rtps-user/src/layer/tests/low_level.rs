@@ -293,6 +293,7 @@ fn announcement_of(participant: GuidPrefix, address: SocketAddr) -> Vec<u8> {
         writer: EntityId::SPDP_WRITER,
         sequence: SequenceNumber(1),
         inline_qos: InlineQos::default(),
+        filters: None,
         kind: PayloadKind::Data,
         payload: &payload,
     });
@@ -383,6 +384,7 @@ fn publication() -> (Guid, Vec<u8>) {
         writer: EntityId::SEDP_PUBLICATIONS_WRITER,
         sequence: SequenceNumber(1),
         inline_qos: InlineQos::default(),
+        filters: None,
         kind: PayloadKind::Data,
         payload: &payload,
     });
@@ -405,6 +407,7 @@ fn farewell() -> Vec<u8> {
             },
             ..InlineQos::default()
         },
+        filters: None,
         kind: PayloadKind::None,
         payload: &[],
     });
@@ -605,6 +608,7 @@ fn a_number_that_the_low_level_layer_has_lost_is_told_again() {
             writer: writer.entity,
             sequence: SequenceNumber(n),
             inline_qos: InlineQos::default(),
+            filters: None,
             kind: PayloadKind::Data,
             payload: &[0, 3, 0, 0, 1, 0, 0, 0],
         });
@@ -646,6 +650,7 @@ fn who_is_found_again_is_asked_for_its_endpoints() {
             },
             ..InlineQos::default()
         },
+        filters: None,
         kind: PayloadKind::None,
         payload: &[],
     });

@@ -159,7 +159,7 @@ impl Stage {
             Operation::Release => self.release(),
             Operation::Filter(is_on) => {
                 let odd: PayloadFilter = Arc::new(|_, payload| payload.len() % 2 == 1);
-                reader.set_content_filter(is_on.then_some(odd));
+                reader.set_content_filter(is_on.then_some(odd), None);
             }
             Operation::Strength(index, strength) => {
                 if self.matched[usize::from(index)] {

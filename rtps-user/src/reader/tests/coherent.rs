@@ -159,7 +159,7 @@ fn what_is_irrelevant_is_no_loss_to_a_set() {
     let mut bench = bench(topic());
     bench
         .reader
-        .set_content_filter(Some(std::sync::Arc::new(|_, data| data == b"data")));
+        .set_content_filter(Some(std::sync::Arc::new(|_, data| data == b"data")), None);
     bench.member(1, 1);
     bench.gap(2, 3, &[]);
     bench.submit(3, in_set(1), PayloadKind::Data, b"nothing for us");

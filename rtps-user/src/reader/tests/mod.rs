@@ -5,6 +5,7 @@ mod any_policy;
 mod best_effort;
 mod cache;
 mod coherent;
+mod filters;
 mod fragments;
 mod lifecycle;
 mod lifespan;
@@ -175,6 +176,7 @@ impl Bench {
             writer: self.writer.entity,
             sequence: SequenceNumber(sequence),
             inline_qos,
+            filters: None,
             kind,
             payload,
         };

@@ -85,13 +85,13 @@ fn at_least(least: u8) -> Option<PayloadFilter> {
 #[test]
 fn what_a_filter_keeps_out_is_neither_missing_nor_lost() {
     let mut bench = bench();
-    bench.reader.set_content_filter(at_least(5));
+    bench.reader.set_content_filter(at_least(5), None);
     for (sequence, value) in [(1, 7), (3, 9), (2, 3), (4, 2)] {
         bench.sample(sequence, key(1), ALIVE, &[value]);
     }
     assert_eq!(bench.progress(), 5);
     assert_eq!(bench.taken(), [1, 3]);
-    bench.reader.set_content_filter(at_least(1));
+    bench.reader.set_content_filter(at_least(1), None);
     bench.sample(5, key(1), ALIVE, &[2]);
     assert_eq!(bench.taken(), [5]);
     assert_eq!(bench.events(), [ReaderEvent::DataAvailable]);

@@ -1,6 +1,6 @@
 //! DATA: a change of a writer (RTPS 2.5 sections 8.3.8.2 and 9.4.5.3).
 
-use super::InlineQos;
+use super::{ContentFilterInfo, InlineQos};
 use crate::wire::{Cursor, EntityId, SequenceNumber, WireError};
 
 /// What the serialized payload of a DATA or DATA_FRAG is.
@@ -25,6 +25,8 @@ pub struct Data<'a> {
     pub sequence: SequenceNumber,
     /// What is said beside the payload.
     pub inline_qos: InlineQos,
+    /// What filters have said of it at the writer.
+    pub filters: Option<ContentFilterInfo<'a>>,
     /// What the payload is.
     pub kind: PayloadKind,
     /// The serialized payload with its encapsulation header.
@@ -50,9 +52,10 @@ impl<'a> Data<'a> {
             (true, true) => return Err(WireError::InvalidData),
         };
         let (reader, writer, sequence) = decode_prologue(cursor, |_| Ok(()))?;
+        let mut filters = None;
         let inline_qos = match flags & Self::FLAG_INLINE_QOS {
             0 => InlineQos::default(),
-            _ => InlineQos::decode(cursor)?,
+            _ => InlineQos::decode(cursor, &mut filters)?,
         };
         let payload = if kind == PayloadKind::None {
             &[][..]
@@ -64,12 +67,13 @@ impl<'a> Data<'a> {
             writer,
             sequence,
             inline_qos,
+            filters,
             kind,
             payload,
         })
     }
 
-    /// `more` says whether other parameters than [`inline_qos`](Self::inline_qos) stand beside them.
+    /// `more` says whether other parameters than [`inline_qos`](Self::inline_qos) stand beside them. Filters are among those.
     pub(in crate::wire) fn flags(&self, more: bool) -> u8 {
         let payload = match self.kind {
             PayloadKind::None => 0,

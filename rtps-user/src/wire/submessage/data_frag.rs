@@ -49,7 +49,7 @@ impl<'a> DataFrag<'a> {
         })?;
         let inline_qos = match flags & Self::FLAG_INLINE_QOS {
             0 => InlineQos::default(),
-            _ => InlineQos::decode(cursor)?,
+            _ => InlineQos::decode(cursor, &mut None)?,
         };
         let kind = if flags & Self::FLAG_KEY == 0 {
             PayloadKind::Data

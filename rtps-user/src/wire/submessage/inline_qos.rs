@@ -4,6 +4,7 @@ use std::hash::{Hash, Hasher};
 
 use serde::{Deserialize, Serialize};
 
+use super::ContentFilterInfo;
 use crate::wire::{
     Cursor, Duration, Parameter, ParameterId, ParameterWriter, SequenceNumber, WireError,
 };
@@ -101,8 +102,11 @@ impl InlineQos {
             + usize::from(self.lifespan.is_some()) * (HEADER + 8)
     }
 
-    /// Reads a whole list up to its sentinel and moves the cursor behind it.
-    pub(super) fn decode(cursor: &mut Cursor<'_>) -> Result<Self, WireError> {
+    /// Reads a whole list up to its sentinel and moves the cursor behind it; what it says of filters goes into `filters`.
+    pub(super) fn decode<'a>(
+        cursor: &mut Cursor<'a>,
+        filters: &mut Option<ContentFilterInfo<'a>>,
+    ) -> Result<Self, WireError> {
         let mut qos = Self::default();
         while let Some(Parameter { id, mut value }) = Parameter::next(cursor)? {
             match id {
@@ -111,14 +115,20 @@ impl InlineQos {
                 ParameterId::STATUS_INFO => {
                     qos.status = StatusInfo::from_octet(value.array::<4>()?[3])
                 }
-                _ => qos.decode_rare(id, &mut value)?,
+                _ => qos.decode_rare(id, &mut value, filters)?,
             }
         }
         Ok(qos)
     }
 
-    fn decode_rare(&mut self, id: ParameterId, value: &mut Cursor<'_>) -> Result<(), WireError> {
+    fn decode_rare<'a>(
+        &mut self,
+        id: ParameterId,
+        value: &mut Cursor<'a>,
+        filters: &mut Option<ContentFilterInfo<'a>>,
+    ) -> Result<(), WireError> {
         match id {
+            ParameterId::CONTENT_FILTER_INFO => *filters = Some(ContentFilterInfo::new(*value)),
             ParameterId::COHERENT_SET => self.coherent_set = Some(SequenceNumber::decode(value)?),
             ParameterId::GROUP_SEQ_NUM => {
                 self.group_sequence = Some(SequenceNumber::decode(value)?)

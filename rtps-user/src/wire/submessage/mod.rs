@@ -2,6 +2,7 @@
 //! (RTPS 2.5 section 9.4.5).
 
 mod acknack;
+mod content_filter_info;
 mod data;
 mod data_frag;
 mod gap;
@@ -12,6 +13,7 @@ mod inline_qos;
 mod nack_frag;
 
 pub use acknack::AckNack;
+pub use content_filter_info::{ContentFilterInfo, FilterSignature};
 pub use data::{Data, PayloadKind};
 pub use data_frag::DataFrag;
 pub use gap::Gap;

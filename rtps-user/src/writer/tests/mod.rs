@@ -2,6 +2,7 @@
 
 mod bench;
 mod coherent;
+mod durability_service;
 mod flow;
 mod fragments;
 mod policies;

@@ -237,6 +237,29 @@ fn instances_whose_unregistration_is_not_acknowledged_still_take_room() {
 }
 
 #[test]
+fn keep_last_waits_where_its_instances_need_more_than_max_samples() {
+    let mut qos = Qos {
+        history: History::KeepLast(2),
+        ..reliable(Durability::Volatile)
+    };
+    qos.resource_limits.max_samples = Some(3);
+    let mut bench = matched(qos);
+    for instance in [1, 1, 2] {
+        bench.write_instance(instance).unwrap();
+    }
+    bench.lines();
+    assert_eq!(bench.write_instance(3), Err(WriteError::HistoryFull));
+    bench.write_instance(1).unwrap();
+    bench.lines();
+    bench.acknack(1, 1, &[1, 2]);
+    let replaced = ["GAP 1..2 [] to 1", "DATA 2 to 1"];
+    assert_eq!(bench.lines()[..2], replaced);
+    assert_eq!(bench.write_instance(3), Err(WriteError::HistoryFull));
+    bench.acknack(1, 3, &[]);
+    bench.write_instance(3).unwrap();
+}
+
+#[test]
 fn a_transient_writer_keeps_what_the_durability_service_would() {
     let service = |history, max_samples_per_instance| DurabilityService {
         history,

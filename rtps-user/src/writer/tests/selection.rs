@@ -2,13 +2,18 @@
 
 use super::*;
 use crate::filter::PayloadFilter;
-use crate::wire::PayloadKind;
+use crate::wire::{FilterSignature, PayloadKind};
 
 /// Wants the payloads that begin with that byte.
-fn only(first: u8) -> Option<PayloadFilter> {
-    Some(Arc::new(move |kind, payload: &[u8]| {
+fn only(first: u8) -> Option<(PayloadFilter, FilterSignature)> {
+    let passes: PayloadFilter = Arc::new(move |kind, payload: &[u8]| {
         kind != PayloadKind::Data || payload.first() == Some(&first)
-    }))
+    });
+    Some((passes, signature(first)))
+}
+
+fn signature(first: u8) -> FilterSignature {
+    FilterSignature([first; 16])
 }
 
 impl Bench {
@@ -103,7 +108,7 @@ fn large_changes_go_in_fragments_to_those_that_want_them() {
         let fragments = lines.iter().filter(|line| line.starts_with("DATA_FRAG 1."));
         assert_eq!(fragments.count(), 3);
     }
-    assert_eq!(three, ["GAP 1..2 [] to 3"]);
+    assert_eq!(three, ["GAP 1..2 [] to 3", "HEARTBEAT 1..=1 to all"]);
 }
 
 #[test]
@@ -246,4 +251,159 @@ fn keys_are_sent_in_the_form_that_a_reader_knows() {
         let expected = [(port, 1, sample.clone()), (port, 2, disposal)];
         assert_eq!(payloads(&mut bench), expected);
     }
+}
+
+/// Of each DATA its number, and which of the filters for 2 and 3 it says that it has passed.
+fn passed(submessage: &Submessage<'_>) -> Option<(i64, [Option<bool>; 2])> {
+    let Submessage::Data(data) = submessage else {
+        return None;
+    };
+    let results = [2, 3].map(|first| data.filters?.result_of(signature(first)));
+    Some((data.sequence.0, results))
+}
+
+#[test]
+fn samples_say_which_filters_they_have_passed() {
+    let mut bench = filtered(reliable(Durability::Volatile));
+    let passed_by = |bench: &mut Bench, port: u16| {
+        let sent = bench.sent_as(passed);
+        let here = sent
+            .into_iter()
+            .filter(|(to, _)| to.iter().any(|to| to.port() == port));
+        here.flat_map(|(_, lines)| lines.into_iter().flatten())
+            .collect::<Vec<_>>()
+    };
+    bench.write_first(2, 8);
+    assert_eq!(passed_by(&mut bench, 7412), [(1, [Some(true), None])]);
+    bench.write_first(2, 8);
+    assert_eq!(passed_by(&mut bench, 7411), [(2, [None, None])]);
+    // Now it goes to all.
+    bench.writer.set_reader_filter(reader_guid(3), only(2));
+    bench.write_first(2, 8);
+    assert_eq!(passed_by(&mut bench, 7413), [(3, [Some(true), None])]);
+    // There is no room for it.
+    let longest = (0..DATAGRAM)
+        .rev()
+        .find(|len| !bench.writer.layout.is_fragmented(*len));
+    bench.write_first(2, longest.unwrap());
+    assert_eq!(passed_by(&mut bench, 7412), [(4, [None, None])]);
+    bench.acknack(2, 1, &[1]);
+    assert_eq!(
+        passed_by(&mut bench, 7412),
+        [(1, [Some(true), None])],
+        "repeated"
+    );
+    // What is not data has nothing to be judged by.
+    let disposal = NewChange {
+        kind: ChangeKind::Disposed,
+        ..change(8)
+    };
+    bench.writer.write(bench.now, disposal).unwrap();
+    assert_eq!(passed_by(&mut bench, 7412), [(5, [None, None])]);
+    for reader in [2, 3] {
+        bench.writer.set_reader_filter(reader_guid(reader), None);
+    }
+    bench.write_first(2, 8);
+    assert_eq!(passed_by(&mut bench, 7411), [(6, [None, None])]);
+}
+
+#[test]
+fn a_filter_that_changes_holds_for_what_waits_as_well() {
+    for reliability in [Reliability::RELIABLE, Reliability::BestEffort] {
+        let mut bench = filtered(Qos {
+            reliability,
+            ..reliable(Durability::Volatile)
+        });
+        for _ in 0..3 {
+            bench.write_first(2, DATAGRAM - 200);
+        }
+        let mut out = Vec::new();
+        bench.writer.poll_transmit(bench.now, &mut out);
+        bench.writer.set_reader_filter(reader_guid(2), only(3));
+        let [two] = bench.lines_by_port([7412]);
+        assert!(!two.iter().any(|line| line.starts_with("DATA")), "{two:?}");
+        let gaps = two.iter().filter(|line| line.starts_with("GAP"));
+        assert_eq!(gaps.count() > 0, reliability.is_reliable());
+    }
+}
+
+/// As [`filtered`], with a window that begins with 193 fragments.
+fn filtered_in_window() -> Bench {
+    let qos = Qos {
+        history: History::KeepLast(10),
+        ..reliable(Durability::Volatile)
+    };
+    let timing = WriterTiming {
+        max_unacknowledged_bytes: 1 << 20,
+        ..WriterTiming::default()
+    };
+    let mut bench = Bench::with_timing(qos.clone(), timing);
+    for number in 1..=3 {
+        bench.match_reader(number, 7410 + u16::from(number), qos.clone());
+    }
+    bench.writer.set_reader_filter(reader_guid(2), only(2));
+    bench.writer.set_reader_filter(reader_guid(3), only(3));
+    bench.lines();
+    bench
+}
+
+fn fragments(lines: &[String]) -> usize {
+    let fragments = lines.iter().filter(|line| line.starts_with("DATA_FRAG"));
+    fragments.count()
+}
+
+#[test]
+fn a_large_change_waits_for_those_that_want_it() {
+    let mut bench = filtered_in_window();
+    bench.write_first(2, 1000 * DATAGRAM);
+    bench.write_first(3, 8);
+    let [all, two, three] = bench.lines_by_port([7411, 7412, 7413]);
+    assert_eq!([fragments(&all), fragments(&two)], [193, 193]);
+    assert_eq!(three, ["GAP 1..2 [] to 3"]);
+    bench.progress(1, 1, 150);
+    bench.progress(3, 1, 150);
+    assert_eq!(fragments(&bench.lines()), 0, "the slowest counts");
+    bench.progress(2, 1, 100);
+    assert_eq!(fragments(&bench.lines()), 99);
+    let mut rest = bench.pass(Duration::from_millis(200));
+    rest.retain(|line| !line.starts_with('H'));
+    assert_eq!(rest.last().unwrap(), "DATA 2 to 3", "{rest:?}");
+    assert!(rest.contains(&"GAP 2..3 [] to 2".to_owned()));
+}
+
+#[test]
+fn a_large_change_goes_on_without_those_that_leave() {
+    let mut bench = filtered_in_window();
+    bench.write_first(2, 1000 * DATAGRAM);
+    bench.lines();
+    bench.writer.unmatch_reader(reader_guid(1));
+    bench.progress(2, 1, 194);
+    let [one, two] = bench.lines_by_port([7411, 7412]);
+    assert_eq!(fragments(&one), 0);
+    assert!(fragments(&two) >= 193);
+    bench.writer.unmatch_reader(reader_guid(2));
+    bench.write_first(3, 8);
+    let lines = bench.pass(Duration::from_millis(200));
+    assert!(lines.contains(&"DATA 2 to all".to_owned()));
+    bench.acknack(3, 3, &[]);
+    assert!(bench.writer.all_acknowledged());
+    assert!(bench.writer.history.is_empty());
+}
+
+#[test]
+fn a_large_change_may_be_removed_before_it_is_sent() {
+    let mut bench = filtered_in_window();
+    bench.write_first(2, 1000 * DATAGRAM);
+    bench.lines();
+    bench.write_first(2, 8);
+    bench.writer.remove(SequenceNumber(1));
+    bench.now += Duration::from_millis(20);
+    bench.writer.handle_timeout(bench.now);
+    let [all, two, three] = bench.lines_by_port([7411, 7412, 7413]).map(|mut lines| {
+        lines.retain(|line| !line.starts_with('H'));
+        lines
+    });
+    assert_eq!(two, ["GAP 1..2 [] to all", "DATA 2 to 2"]);
+    assert_eq!(all, ["GAP 1..2 [] to all", "DATA 2 to 1"]);
+    assert_eq!(three, ["GAP 2..3 [] to 3"]);
 }

@@ -24,8 +24,8 @@ impl Expectation {
         }
     }
 
-    /// The writer has forgotten what it had written.
-    pub(super) fn writer_restarted(&mut self, written: u32) {
+    /// The writer need not have kept what it had written.
+    pub(super) fn excuse(&mut self, written: u32) {
         self.excused_until = written;
     }
 

@@ -13,9 +13,12 @@ use std::time::Duration;
 
 use rtps_user::filter::PayloadFilter;
 use rtps_user::history::{ChangeKind, NewChange};
-use rtps_user::qos::{Durability, History, Presentation, PresentationScope, Qos, Reliability};
+use rtps_user::qos::{
+    Durability, DurabilityService, History, Presentation, PresentationScope, Qos, Reliability,
+    ResourceLimits,
+};
 use rtps_user::reader::Sample;
-use rtps_user::wire::{EntityKind, Guid, KeyHash, PayloadKind, Timestamp};
+use rtps_user::wire::{EntityKind, FilterSignature, Guid, KeyHash, PayloadKind, Timestamp};
 use rtps_user::writer::Writer;
 
 use crate::network::{Conditions, Network};
@@ -60,11 +63,13 @@ struct Run {
     readers: Vec<Reading>,
     /// Whether readers want only some numbers.
     is_filtered: bool,
+    /// Whether readers have room for less than a burst.
+    is_limited: bool,
     received: usize,
 }
 
 impl Run {
-    fn new(seed: u64, qos: Qos) -> Self {
+    fn new(seed: u64, qos: Qos, limits: ResourceLimits) -> Self {
         let mut network = Network::new(Conditions::AWFUL, seed);
         network.conditions.jitter = network.random.up_to(Duration::from_millis(4));
         let writers = 1 + network.random.below(3);
@@ -78,8 +83,12 @@ impl Run {
             sets: vec![0],
         });
         let writers: Vec<_> = writers.collect();
+        let reader_qos = Qos {
+            resource_limits: limits,
+            ..qos.clone()
+        };
         let readers = (0..readers).map(|_| Reading {
-            guid: network.add_reader(EntityKind::ReaderWithKey, qos.clone()),
+            guid: network.add_reader(EntityKind::ReaderWithKey, reader_qos.clone()),
             is_matched: false,
             expected: BTreeMap::new(),
             newest: BTreeMap::new(),
@@ -92,6 +101,7 @@ impl Run {
             writers,
             readers,
             is_filtered: false,
+            is_limited: limits != ResourceLimits::default(),
             received: 0,
         }
     }
@@ -123,6 +133,8 @@ impl Run {
     }
 
     fn write(&mut self) {
+        // Nobody takes while a writer waits for room.
+        self.make_room();
         let index = self.pick_writer();
         let is_set = self.qos.presentation.coherent && self.network.random.percent(70);
         let count = 1 + self.network.random.below(MAX_BURST);
@@ -177,7 +189,7 @@ impl Run {
             network.match_writer_side(writer.guid, reader.guid);
             reader.announce_filter(network.writer(writer.guid));
             if let Some(expected) = reader.expected.get_mut(&writer.guid) {
-                expected.writer_restarted(writer.written);
+                expected.excuse(writer.written);
             }
         }
     }
@@ -216,7 +228,10 @@ impl Run {
             };
             let is_complete =
                 self.qos.history == History::KeepAll && self.qos.reliability.is_reliable();
-            let expected = Expectation::new(past, is_complete, reader.every);
+            let mut expected = Expectation::new(past, is_complete, reader.every);
+            if self.qos.durability_service != DurabilityService::default() {
+                expected.excuse(writer.written);
+            }
             reader.expected.insert(writer.guid, expected);
         }
     }
@@ -246,6 +261,19 @@ impl Run {
         samples.iter().for_each(|sample| reader.note(sample));
     }
 
+    /// Takes until the readers have room for all that has been written.
+    fn make_room(&mut self) {
+        for _ in 0..6_000 {
+            let mut writers = self.writers.iter().map(|writer| writer.guid);
+            let network = &mut self.network;
+            if !self.is_limited || writers.all(|guid| network.writer(guid).all_acknowledged()) {
+                return;
+            }
+            network.run_for(Duration::from_millis(10));
+            self.take_all();
+        }
+    }
+
     /// Lets everything calm down with all readers matched.
     fn settle(&mut self) {
         for index in 0..self.readers.len() {
@@ -256,6 +284,7 @@ impl Run {
         if !self.qos.reliability.is_reliable() {
             return;
         }
+        self.make_room();
         for index in 0..self.writers.len() {
             self.network
                 .run_until_acknowledged(self.writers[index].guid);
@@ -296,7 +325,8 @@ impl Reading {
             kind != PayloadKind::Data || number.is_multiple_of(every)
         };
         let filter: PayloadFilter = Arc::new(is_wanted);
-        writer.set_reader_filter(self.guid, (every > 1).then_some(filter));
+        let signature = FilterSignature([every as u8; 16]);
+        writer.set_reader_filter(self.guid, (every > 1).then_some((filter, signature)));
     }
 
     fn note(&mut self, sample: &Sample) {
@@ -337,7 +367,7 @@ fn qos(durability: Durability, history: History, coherent: bool) -> Qos {
 /// Runs of so many samples in all.
 fn marathon(runs: u64, samples: usize, qos: &Qos) {
     for seed in seeds(runs) {
-        Run::new(seed, qos.clone()).run(samples / runs as usize);
+        Run::new(seed, qos.clone(), ResourceLimits::default()).run(samples / runs as usize);
     }
 }
 
@@ -360,13 +390,40 @@ fn keep_all_reaches_late_joiners() {
 }
 
 #[test]
+fn late_joiners_get_what_the_durability_service_keeps() {
+    let durability_service = DurabilityService {
+        history: History::KeepLast(2),
+        ..DurabilityService::default()
+    };
+    let transient = Qos {
+        durability_service,
+        ..qos(Durability::Transient, History::KeepAll, false)
+    };
+    marathon(8, 50_000, &transient);
+}
+
+#[test]
 fn filtered_readers_get_all_that_they_want() {
     for seed in seeds(6) {
         for durability in [Durability::Volatile, Durability::TransientLocal] {
-            let mut run = Run::new(seed, qos(durability, History::KeepAll, false));
+            let qos = qos(durability, History::KeepAll, false);
+            let mut run = Run::new(seed, qos, ResourceLimits::default());
             run.is_filtered = true;
             run.run(8_000);
         }
+    }
+}
+
+#[test]
+fn readers_without_room_get_all_once_they_have_room() {
+    let limits = ResourceLimits {
+        max_samples: Some(20),
+        max_samples_per_instance: Some(6),
+        ..ResourceLimits::default()
+    };
+    for seed in seeds(6) {
+        let qos = qos(Durability::Volatile, History::KeepAll, false);
+        Run::new(seed, qos, limits).run(8_000);
     }
 }
 
