@@ -50,11 +50,12 @@ impl Live {
     }
 
     /// The change in the middle of which the stream is, and the last of its fragments that has been sent, when it is
-    /// time to tell reliable readers: after so many fragments, or because they are waited for.
+    /// time to tell reliable readers: after so many fragments, or because they are waited for; `again` repeats it.
     fn fragments_to_announce(
         &mut self,
         interval: u32,
         is_waiting: bool,
+        again: bool,
     ) -> Option<(SequenceNumber, u32)> {
         let sent = self.position.fragment - 1;
         if sent < self.announced_fragments {
@@ -62,7 +63,8 @@ impl Live {
             self.announced_fragments = 0;
         }
         let unannounced = sent - self.announced_fragments;
-        if unannounced < interval && (!is_waiting || unannounced == 0) {
+        let is_news = unannounced >= interval || (is_waiting && unannounced > 0);
+        if !is_news && !again {
             return None;
         }
         self.announced_fragments = sent;
@@ -159,8 +161,9 @@ impl Writer {
         }
         let interval = FRAGMENTS_PER_HEARTBEAT.min(self.fragments_in_window() / 2);
         let is_waiting = self.fragment_window.is_closed();
-        let Some((sequence, last_fragment)) = self.live.fragments_to_announce(interval, is_waiting)
-        else {
+        let again = self.fragment_window.take_question();
+        let announced = self.live.fragments_to_announce(interval, is_waiting, again);
+        let Some((sequence, last_fragment)) = announced else {
             return false;
         };
         packet.heartbeat_frag(sequence, last_fragment, self.heartbeats.next_count(now));
@@ -207,7 +210,8 @@ impl Writer {
         let Position { sequence, fragment } = self.live.position;
         let size = self.fragments_in_window();
         let readers = &self.readers;
-        let can_tell = || fragment_progress(readers, sequence).is_some();
+        let tells = |proxy: &ReaderProxy| proxy.progress(sequence).is_some();
+        let can_tell = || readers.values().all(tells);
         let admits = self
             .fragment_window
             .admits(now, (sequence, fragment), size, can_tell);
@@ -223,6 +227,24 @@ impl Writer {
             let size = self.fragments_in_window();
             self.fragment_window.advance(sequence, fragment, size);
         }
+    }
+
+    /// Moves the window where its readers were waited for in vain, and waits for those no more.
+    pub(super) fn expire_fragment_window(&mut self, now: Instant) {
+        let size = self.fragments_in_window();
+        if !self.fragment_window.expire(now, size) {
+            return;
+        }
+        let sequence = self.live.end();
+        let Some(lowest) = fragment_progress(&self.readers, sequence) else {
+            return;
+        };
+        for proxy in self.readers.values_mut() {
+            if proxy.progress(sequence) == Some(lowest) {
+                proxy.fall_silent();
+            }
+        }
+        self.advance_fragments(sequence);
     }
 
     /// A reader wants what has not been sent of a change: it has got all that was.
@@ -262,12 +284,13 @@ impl Writer {
     }
 }
 
-/// The first fragment of a change that a reader lacks; `None` where not all readers tell.
+/// The first fragment of a change that a reader lacks; `None` where not all readers tell. One that has fallen silent does
+/// not hold the others up.
 fn fragment_progress(
     readers: &BTreeMap<Guid, ReaderProxy>,
     sequence: SequenceNumber,
 ) -> Option<u32> {
-    let readers = readers.values();
+    let readers = readers.values().filter(|proxy| !proxy.is_silent());
     let progress = readers.map(|proxy| proxy.progress(sequence));
     progress.reduce(|one, other| Some(one?.min(other?)))?
 }
