@@ -8,7 +8,6 @@ use std::os::fd::{AsRawFd, OwnedFd};
 
 use anyhow::{Context, Result};
 
-use crate::link::Interface;
 use crate::netns::Netns;
 use crate::sys::{self, BpfCommand};
 
@@ -190,7 +189,7 @@ impl<const N: usize> Counters<N> {
 /// Loads a program and attaches it to an interface of `netns`.
 pub(crate) fn attach(
     netns: &Netns,
-    interface: &Interface,
+    interface: &str,
     hook: Hook,
     instructions: &[u64],
 ) -> Result<Link> {
@@ -202,12 +201,11 @@ pub(crate) fn attach(
     let attached = netns.enter(|| {
         sys::bpf(BpfCommand::Attach {
             program: program.as_raw_fd(),
-            interface: nix::net::if_::if_nametoindex(interface.name.as_str())?,
+            interface: nix::net::if_::if_nametoindex(interface)?,
             attach_type: hook.attach_type(),
             flags: hook.flags(),
         })
     });
-    let link =
-        attached.with_context(|| format!("attaching a BPF program to {}", interface.name))?;
+    let link = attached.with_context(|| format!("attaching a BPF program to {interface}"))?;
     Ok(Link(link))
 }

@@ -11,6 +11,7 @@ use anyhow::{Result, ensure};
 use nix::ifaddrs::getifaddrs;
 use nix::net::if_::InterfaceFlags;
 
+use crate::loss::{Direction, Loss, Lossy};
 use crate::netns::Netns;
 
 /// On a busy machine namespaces that end hold the lock of all interfaces for seconds.
@@ -73,6 +74,8 @@ pub struct Bridge {
     pub hub: Netns,
     /// The hosts, 10.1.0.1, 10.1.0.2...
     pub hosts: Vec<Host>,
+    /// The hub's end of each host's link, by its name.
+    ports: Vec<String>,
 }
 
 impl Bridge {
@@ -82,20 +85,34 @@ impl Bridge {
         // Without snooping multicast is flooded: no querier would keep the memberships alive.
         hub.ip("link add br0 type bridge mcast_snooping 0")?;
         hub.ip("link set br0 up")?;
-        let hosts = (1..=count)
-            .map(|number| Self::join(&hub, label, number, mtu))
-            .collect::<Result<_>>()?;
-        Ok(Self { hub, hosts })
+        let joined = (1..=count).map(|number| Self::join(&hub, label, number, mtu));
+        let (hosts, ports) = joined.collect::<Result<_>>()?;
+        Ok(Self { hub, hosts, ports })
     }
 
-    fn join(hub: &Netns, label: &str, number: u8, mtu: u16) -> Result<Host> {
+    /// Loses single packets that the hosts send while the values live, one value for each host: their interfaces take
+    /// apart what an app sends in one call, and the bridge is behind them.
+    ///
+    /// # Errors
+    /// When the kernel refuses.
+    pub fn lose(&self, loss: Loss) -> Result<Vec<Lossy>> {
+        for Host { netns, interface } in &self.hosts {
+            netns.ip(&format!("link set {} gso_max_segs 1", interface.name))?;
+        }
+        let ports = self.ports.iter();
+        ports
+            .map(|port| Lossy::attach_by_name(&self.hub, port, Direction::Ingress, loss))
+            .collect()
+    }
+
+    fn join(hub: &Netns, label: &str, number: u8, mtu: u16) -> Result<(Host, String)> {
         let netns = Netns::new(&format!("{label}-{number}"))?;
         let (name, port) = (netns.next_interface_name(), hub.next_interface_name());
         add_veth(&netns, &name, hub, &port, mtu)?;
         hub.ip(&format!("link set {port} master br0 up"))?;
         let interface = configure(&netns, name, Ipv4Addr::new(10, 1, 0, number))?;
         wait_running(&netns, &interface)?;
-        Ok(Host { netns, interface })
+        Ok((Host { netns, interface }, port))
     }
 }
 

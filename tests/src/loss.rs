@@ -2,6 +2,9 @@
 //!
 //! netem is not in every kernel; tcx is since 6.6. ARP, ICMPv6 and MLD pass, so that a loss costs
 //! a datagram and not the second that address resolution takes to try again.
+//!
+//! What an app sends in one call is one packet on a veth pair, up to 64 datagrams, and lost as one. Single datagrams
+//! are lost by [`Bridge::lose`](crate::link::Bridge::lose).
 
 use anyhow::{Result, ensure};
 
@@ -48,6 +51,16 @@ impl Lossy {
     pub fn attach(
         netns: &Netns,
         interface: &Interface,
+        direction: Direction,
+        loss: Loss,
+    ) -> Result<Self> {
+        Self::attach_by_name(netns, &interface.name, direction, loss)
+    }
+
+    /// As [`Lossy::attach`], for an interface without addresses.
+    pub(crate) fn attach_by_name(
+        netns: &Netns,
+        interface: &str,
         direction: Direction,
         loss: Loss,
     ) -> Result<Self> {

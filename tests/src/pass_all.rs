@@ -18,6 +18,6 @@ impl PassAll {
     /// Attaches the program to an interface of `netns`, in native mode.
     pub fn attach(netns: &Netns, interface: &Interface) -> Result<Self> {
         let program = [bpf::move_immediate(0, XDP_PASS), bpf::exit()];
-        bpf::attach(netns, interface, Hook::NativeXdp, &program).map(Self)
+        bpf::attach(netns, &interface.name, Hook::NativeXdp, &program).map(Self)
     }
 }

@@ -212,9 +212,21 @@ impl Drop for Process {
 /// # Errors
 /// When the process has ended.
 pub fn resident(pid: Pid) -> Result<u64> {
+    memory(pid, "VmRSS:")
+}
+
+/// The most that [`resident`] has been.
+///
+/// # Errors
+/// When the process has ended.
+pub fn peak_resident(pid: Pid) -> Result<u64> {
+    memory(pid, "VmHWM:")
+}
+
+fn memory(pid: Pid, name: &str) -> Result<u64> {
     let text = fs::read_to_string(format!("/proc/{pid}/status"))?;
     let mut lines = text.lines();
-    let size = lines.find_map(|line| line.strip_prefix("VmRSS:"));
+    let size = lines.find_map(|line| line.strip_prefix(name));
     let kilobytes = size.and_then(|size| size.trim().strip_suffix("kB"));
     Ok(1024 * kilobytes.context("no such line")?.trim().parse::<u64>()?)
 }

@@ -1,5 +1,6 @@
 //! Publishes or subscribes shapes as the vendors' interoperability demonstrations do, and prints what happens as one
-//! JSON object a line: the peer of the programs in `tests/peers`.
+//! JSON object a line: the peer of the programs in `tests/peers`. SIGUSR1 stops a subscriber from taking samples, and
+//! lets it go on.
 
 mod options;
 
@@ -35,6 +36,7 @@ struct ShapeType {
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
 static STOPPED: AtomicBool = AtomicBool::new(false);
+static PAUSED: AtomicBool = AtomicBool::new(false);
 
 fn main() -> Result<()> {
     let options = Options::parse();
@@ -85,7 +87,8 @@ fn publish(
     }
     pause(options.settle);
     let mut sent = 0;
-    let mut next = Instant::now();
+    let start = Instant::now();
+    let mut next = start;
     while keeps_going(give_up) && (options.count == 0 || sent < options.count) {
         let counter = i32::try_from(sent)?;
         let shape = shape(options, sent % options.instances, counter);
@@ -93,17 +96,19 @@ fn publish(
             if error != WriteError::Timeout || !keeps_going(give_up) {
                 return Err(error.into());
             }
+            print(&json!({"event": "timeout", "x": counter}));
         }
         sent += 1;
         next += Duration::from_micros(options.period_us);
         thread::sleep(next.saturating_duration_since(Instant::now()));
     }
+    let written = start.elapsed().as_secs_f64();
     end_instances(options, &writer)?;
     if !options.best_effort && keeps_going(give_up) {
         writer.wait_for_acknowledgments(give_up.saturating_duration_since(Instant::now()))?;
     }
     pause(options.linger);
-    print(&json!({"event": "done", "sent": sent, "received": 0}));
+    print(&json!({"event": "done", "sent": sent, "received": 0, "written_in_s": written}));
     Ok(sent >= options.count)
 }
 
@@ -126,8 +131,22 @@ fn shape(options: &Options, instance: u64, counter: i32) -> ShapeType {
         x: counter,
         y: counter,
         shapesize: 30,
-        additional_payload_size: vec![0; options.size],
+        additional_payload_size: match options.pattern {
+            true => pattern(counter, options.size),
+            false => vec![0; options.size],
+        },
     }
+}
+
+/// Octets of which no eight are those of another place or another sample.
+fn pattern(counter: i32, size: usize) -> Vec<u8> {
+    let words = (0..size.div_ceil(8) as u64)
+        .map(|place| (place << 32) + u64::from(counter.cast_unsigned()));
+    let mut octets: Vec<u8> = words
+        .flat_map(|word| word.wrapping_mul(0x9e37_79b9_7f4a_7c15).to_le_bytes())
+        .collect();
+    octets.truncate(size);
+    octets
 }
 
 fn subscribe(
@@ -168,14 +187,18 @@ fn subscribe(
                 break;
             }
         }
-        received += take(&reader);
+        received += take(options, &reader);
     }
     print(&json!({"event": "done", "sent": 0, "received": received}));
     Ok(received >= options.count)
 }
 
 /// Prints what there is and returns how many samples it was.
-fn take(reader: &DataReader<ShapeType>) -> u64 {
+fn take(options: &Options, reader: &DataReader<ShapeType>) -> u64 {
+    if PAUSED.load(Ordering::Relaxed) {
+        pause(Duration::from_millis(10));
+        return 0;
+    }
     if !reader.wait(Duration::from_millis(100)) {
         return 0;
     }
@@ -183,8 +206,7 @@ fn take(reader: &DataReader<ShapeType>) -> u64 {
     let mut ended = HashSet::new();
     for sample in reader.take() {
         if let Some(shape) = &sample.data {
-            let size = shape.additional_payload_size.len();
-            print(&json!({"event": "sample", "color": shape.color, "x": shape.x, "size": size}));
+            print_sample(options, shape);
             received += 1;
         }
         // One take of an instance's last data may carry the end of the instance with it.
@@ -193,6 +215,16 @@ fn take(reader: &DataReader<ShapeType>) -> u64 {
         }
     }
     received
+}
+
+fn print_sample(options: &Options, shape: &ShapeType) {
+    let payload = &shape.additional_payload_size;
+    let mut event =
+        json!({"event": "sample", "color": shape.color, "x": shape.x, "size": payload.len()});
+    if options.pattern {
+        event["intact"] = (*payload == pattern(shape.x, payload.len())).into();
+    }
+    print(&event);
 }
 
 fn print_end(sample: &Sample<ShapeType>) {
@@ -256,13 +288,17 @@ fn pause(time: Duration) {
     }
 }
 
-/// Turns SIGINT and SIGTERM into [`STOPPED`]; before any thread is started, so that all block them.
+/// Turns SIGINT and SIGTERM into [`STOPPED`], and SIGUSR1 into [`PAUSED`]; before any thread is started, so that all
+/// block them.
 fn catch_signals() -> Result<()> {
-    let signals = SigSet::from_iter([Signal::SIGINT, Signal::SIGTERM]);
+    let signals = SigSet::from_iter([Signal::SIGINT, Signal::SIGTERM, Signal::SIGUSR1]);
     signals.thread_block()?;
     thread::spawn(move || {
-        if signals.wait().is_ok() {
-            STOPPED.store(true, Ordering::Relaxed);
+        while let Ok(signal) = signals.wait() {
+            match signal {
+                Signal::SIGUSR1 => drop(PAUSED.fetch_not(Ordering::Relaxed)),
+                _ => STOPPED.store(true, Ordering::Relaxed),
+            }
         }
     });
     Ok(())

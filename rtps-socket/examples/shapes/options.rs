@@ -67,9 +67,19 @@ pub(crate) struct Options {
     pub(crate) history_keep_all: bool,
     #[arg(long)]
     pub(crate) keep_last: Option<u32>,
+    /// RESOURCE_LIMITS: samples that are kept at most.
+    #[arg(long)]
+    pub(crate) max_samples: Option<u32>,
+    /// How long a write may wait for room before it reports `timeout`, and is tried again.
+    #[arg(long, default_value = "10", value_parser = seconds)]
+    pub(crate) max_blocking: Duration,
     /// Additional payload in bytes.
     #[arg(long, default_value_t = 0)]
     pub(crate) size: usize,
+    /// Fill the additional payload with octets that depend on the sample and on their place; a subscriber says of each
+    /// sample whether it holds them.
+    #[arg(long)]
+    pub(crate) pattern: bool,
     /// Key of the first instance.
     #[arg(long, default_value = "BLUE")]
     pub(crate) color: String,
@@ -135,12 +145,15 @@ impl Options {
     pub(crate) fn qos(&self) -> Qos {
         let mut qos = match self.best_effort {
             true => Qos::best_effort(),
-            false => Qos::reliable().max_blocking_time(Duration::from_secs(10)),
+            false => Qos::reliable().max_blocking_time(self.max_blocking),
         };
         qos = match self.keep_last {
             Some(depth) => qos.keep_last(depth),
             None => qos.keep_all(),
         };
+        if let Some(limit) = self.max_samples {
+            qos = qos.resource_limits(Some(limit), None, None);
+        }
         if self.transient_local || self.durability == Durability::TransientLocal {
             qos = qos.transient_local();
         }

@@ -85,7 +85,7 @@ struct Partial {
     arrived: Instant,
     /// The highest fragment asked for, and when.
     asked: Option<(i64, Instant)>,
-    /// The writer has been told that everything below this fragment is here.
+    /// The writer has been told that everything below this fragment is here or has been asked for.
     told: u32,
 }
 
@@ -151,7 +151,12 @@ impl Reassembly {
         let Some(partial) = self.partials.get_mut(&sequence) else {
             return false;
         };
-        partial.announced = partial.announced.max(last.min(partial.total()));
+        let last = last.min(partial.total());
+        if last <= partial.announced {
+            // The writer asks again: the answer has been lost.
+            partial.told = 1;
+        }
+        partial.announced = partial.announced.max(last);
         true
     }
 
@@ -351,11 +356,12 @@ impl Partial {
 
     /// How far the sample has come, for a writer that announces its fragments, if that is news: it may wait for it.
     fn progress(&mut self) -> Option<FragmentNumberSet> {
-        let missing = u32::try_from(self.received.first_missing(1)).ok()?;
-        let is_news = self.announced > 0 && missing > self.told;
+        let from = self.asked.map_or(1, |(last, _)| last + 1);
+        let open = u32::try_from(self.received.first_missing(from)).ok()?;
+        let is_news = self.announced > 0 && open > self.told;
         is_news.then(|| {
-            self.told = missing;
-            FragmentNumberSet::nothing(missing)
+            self.told = open;
+            FragmentNumberSet::nothing(open)
         })
     }
 

@@ -1,8 +1,10 @@
 //! Flow control within a large change: how far its fragments may run ahead of the readers.
 //!
 //! One change may be larger than all inboxes. So its fragments are sent a window at a time. Readers that answer each
-//! HEARTBEAT_FRAG, and say so how far they have got, move the window (ours do: a NACK_FRAG that asks for nothing). The
-//! standard does not ask for that; for others, and where an answer is lost, time moves it.
+//! HEARTBEAT_FRAG, and say so how far they have got, move the window (ours do: a NACK_FRAG that asks for nothing, whose
+//! base is the first fragment that they neither have nor have asked for). The standard does not ask for that; for
+//! others time moves it. Where question or answer may be lost, the question is repeated; who does not answer then is not
+//! waited for until it does.
 
 use std::time::{Duration, Instant};
 
@@ -10,7 +12,9 @@ use crate::wire::SequenceNumber;
 
 /// So long a window is on its way to readers that don't say how far they have got.
 const BLIND: Duration = Duration::from_millis(1);
-/// When readers that do are taken not to have heard.
+/// When readers that do are asked again.
+const REPEAT: Duration = Duration::from_millis(1);
+/// When they are taken not to have heard.
 const PATIENCE: Duration = Duration::from_millis(20);
 
 /// The window of the change that is being sent.
@@ -21,6 +25,10 @@ pub(super) struct FragmentWindow {
     limit: u32,
     /// When the window moves by itself; it holds the stream up then.
     moves_at: Option<Instant>,
+    /// When the readers are asked again.
+    asks_at: Option<Instant>,
+    /// Whether they are to be asked again now.
+    asks: bool,
     is_open: bool,
 }
 
@@ -30,6 +38,8 @@ impl FragmentWindow {
             sequence: SequenceNumber::ZERO,
             limit: 0,
             moves_at: None,
+            asks_at: None,
+            asks: false,
             is_open: false,
         }
     }
@@ -51,29 +61,43 @@ impl FragmentWindow {
         if fragment <= self.limit || self.is_open {
             return true;
         }
-        self.moves_at
-            .get_or_insert_with(|| now + if can_tell() { PATIENCE } else { BLIND });
+        if !self.is_closed() {
+            let can_tell = can_tell();
+            self.moves_at = Some(now + if can_tell { PATIENCE } else { BLIND });
+            self.asks_at = can_tell.then(|| now + REPEAT);
+        }
         false
     }
 
-    /// All readers have what is below `fragment`, as far as they tell, or want to go on from there.
+    /// All readers have what is below `fragment` or have asked for it, as far as they tell, or want to go on from there.
     pub(super) fn advance(&mut self, sequence: SequenceNumber, fragment: u32, size: u32) {
         if sequence == self.sequence {
             self.move_to(fragment.saturating_sub(1).saturating_add(size));
         }
     }
 
-    /// Does what is due.
-    pub(super) fn expire(&mut self, now: Instant, size: u32) {
+    /// Does what is due; gives whether the window has moved by itself.
+    pub(super) fn expire(&mut self, now: Instant, size: u32) -> bool {
         if self.moves_at.is_some_and(|at| at <= now) {
             self.move_to(self.limit.saturating_add(size));
+            return true;
         }
+        if self.asks_at.is_some_and(|at| at <= now) {
+            self.asks_at = Some(now + REPEAT);
+            self.asks = true;
+        }
+        false
+    }
+
+    /// Whether the readers are to be asked again how far they have got; once for each time that it is due.
+    pub(super) fn take_question(&mut self) -> bool {
+        std::mem::take(&mut self.asks)
     }
 
     /// Nothing is held up any more.
     pub(super) fn open(&mut self) {
         self.is_open = true;
-        self.moves_at = None;
+        self.wait_no_more();
     }
 
     /// Whether the readers are waited for.
@@ -81,16 +105,22 @@ impl FragmentWindow {
         self.moves_at.is_some()
     }
 
-    /// When the stream goes on without a word of the readers.
+    /// When [`expire`](Self::expire) is due.
     pub(super) fn deadline(&self) -> Option<Instant> {
-        self.moves_at
+        [self.moves_at, self.asks_at].into_iter().flatten().min()
     }
 
     fn move_to(&mut self, limit: u32) {
         if limit > self.limit {
             self.limit = limit;
-            self.moves_at = None;
+            self.wait_no_more();
         }
+    }
+
+    fn wait_no_more(&mut self) {
+        self.moves_at = None;
+        self.asks_at = None;
+        self.asks = false;
     }
 }
 
@@ -108,7 +138,7 @@ mod tests {
         };
         assert!(admits(&mut window, 1) && admits(&mut window, 10));
         assert!(!admits(&mut window, 11));
-        assert_eq!(window.deadline(), Some(now + PATIENCE));
+        assert_eq!(window.deadline(), Some(now + REPEAT));
         window.advance(SequenceNumber(6), 100, 10);
         window.advance(CHANGE, 1, 10);
         assert!(!admits(&mut window, 11));
@@ -116,6 +146,21 @@ mod tests {
         assert!(!window.is_closed());
         assert!(admits(&mut window, 15));
         assert!(!admits(&mut window, 16));
+    }
+
+    #[test]
+    fn they_are_asked_again_and_then_given_up() {
+        let (mut window, start) = (FragmentWindow::new(), Instant::now());
+        assert!(!window.admits(start, (CHANGE, 11), 10, || true));
+        assert!(!window.take_question(), "they were just asked");
+        let mut asked = 0;
+        while let Some(due) = window.deadline() {
+            window.expire(due, 10);
+            asked += u32::from(window.take_question());
+            assert!(!window.take_question());
+        }
+        assert_eq!(asked, 19);
+        assert!(window.admits(start + PATIENCE, (CHANGE, 20), 10, || true));
     }
 
     #[test]

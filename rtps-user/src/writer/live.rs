@@ -52,11 +52,12 @@ impl Live {
     }
 
     /// The change in the middle of which the stream is, and the last of its fragments that has been sent, when it is
-    /// time to tell reliable readers: after so many fragments, or because they are waited for.
+    /// time to tell reliable readers: after so many fragments, or because they are waited for; `again` repeats it.
     fn fragments_to_announce(
         &mut self,
         interval: u32,
         is_waiting: bool,
+        again: bool,
     ) -> Option<(SequenceNumber, u32)> {
         let sent = self.position.fragment - 1;
         if sent < self.announced_fragments {
@@ -64,7 +65,8 @@ impl Live {
             self.announced_fragments = 0;
         }
         let unannounced = sent - self.announced_fragments;
-        if unannounced < interval && (!is_waiting || unannounced == 0) {
+        let is_news = unannounced >= interval || (is_waiting && unannounced > 0);
+        if !is_news && !again {
             return None;
         }
         self.announced_fragments = sent;
@@ -170,8 +172,9 @@ impl Writer {
         }
         let interval = FRAGMENTS_PER_HEARTBEAT.min(self.fragments_in_window() / 2);
         let is_waiting = self.fragment_window.is_closed();
-        let Some((sequence, last_fragment)) = self.live.fragments_to_announce(interval, is_waiting)
-        else {
+        let again = self.fragment_window.take_question();
+        let announced = self.live.fragments_to_announce(interval, is_waiting, again);
+        let Some((sequence, last_fragment)) = announced else {
             return false;
         };
         packet.heartbeat_frag(sequence, last_fragment, self.heartbeats.next_count(now));
@@ -224,7 +227,8 @@ impl Writer {
         let Position { sequence, fragment } = self.live.position;
         let size = self.fragments_in_window();
         let (readers, audience) = (&self.readers, self.selection.audience_of(sequence));
-        let can_tell = || fragment_progress(readers, audience, sequence).is_some();
+        let tells = |proxy: &ReaderProxy| proxy.progress(sequence).is_some();
+        let can_tell = || served(readers, audience).all(tells);
         let admits = self
             .fragment_window
             .admits(now, (sequence, fragment), size, can_tell);
@@ -241,6 +245,26 @@ impl Writer {
             let size = self.fragments_in_window();
             self.fragment_window.advance(sequence, fragment, size);
         }
+    }
+
+    /// Moves the window where its readers were waited for in vain, and waits for those no more.
+    pub(super) fn expire_fragment_window(&mut self, now: Instant) {
+        let size = self.fragments_in_window();
+        if !self.fragment_window.expire(now, size) {
+            return;
+        }
+        let sequence = self.live.end();
+        let audience = self.selection.audience_of(sequence);
+        let Some(lowest) = fragment_progress(&self.readers, audience, sequence) else {
+            return;
+        };
+        for (guid, proxy) in &mut self.readers {
+            let is_served = audience.is_none_or(|some| some.has(*guid));
+            if is_served && proxy.progress(sequence) == Some(lowest) {
+                proxy.fall_silent();
+            }
+        }
+        self.advance_fragments(sequence);
     }
 
     /// A reader wants what has not been sent of a change: it has got all that was.
@@ -280,14 +304,23 @@ impl Writer {
     }
 }
 
-/// The first fragment of a change that a reader of its audience lacks; `None` where not all of them tell.
+/// The readers that a change is sent to.
+fn served<'a>(
+    readers: &'a BTreeMap<Guid, ReaderProxy>,
+    audience: Option<&'a Audience>,
+) -> impl Iterator<Item = &'a ReaderProxy> {
+    let is_served = move |proxy: &&ReaderProxy| audience.is_none_or(|some| some.has(proxy.guid()));
+    readers.values().filter(is_served)
+}
+
+/// The first fragment of a change that a reader of its audience lacks; `None` where not all of them tell. One that has
+/// fallen silent does not hold the others up.
 fn fragment_progress(
     readers: &BTreeMap<Guid, ReaderProxy>,
     audience: Option<&Audience>,
     sequence: SequenceNumber,
 ) -> Option<u32> {
-    let is_served = |proxy: &&ReaderProxy| audience.is_none_or(|some| some.has(proxy.guid()));
-    let readers = readers.values().filter(is_served);
+    let readers = served(readers, audience).filter(|proxy| !proxy.is_silent());
     let progress = readers.map(|proxy| proxy.progress(sequence));
     progress.reduce(|one, other| Some(one?.min(other?)))?
 }

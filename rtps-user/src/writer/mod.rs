@@ -311,8 +311,7 @@ impl Writer {
     /// Does what is due.
     pub fn handle_timeout(&mut self, now: Instant) {
         self.enqueue_due(now);
-        let size = self.fragments_in_window();
-        self.fragment_window.expire(now, size);
+        self.expire_fragment_window(now);
         if self.heartbeats.expire(now) {
             self.remind_readers(now);
         }

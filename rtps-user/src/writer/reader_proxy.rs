@@ -56,6 +56,8 @@ pub(super) struct ReaderProxy {
     answered_at: Option<Instant>,
     /// The last change of which it told how far it has got, and the first fragment of that which it lacked.
     progress: Option<(SequenceNumber, u32)>,
+    /// It used to tell that, and was waited for in vain.
+    is_silent: bool,
     /// Whether it stands in the writer's queue of readers to be sent something.
     pub(super) is_queued: bool,
     pub(super) interest: Interest,
@@ -87,6 +89,7 @@ impl ReaderProxy {
             heartbeat_count: Count::default(),
             answered_at: None,
             progress: None,
+            is_silent: false,
             is_queued: false,
             interest: Interest::of(remote),
             outbox: Outbox::default(),
@@ -203,6 +206,16 @@ impl ReaderProxy {
     /// It has the fragments of a change below `fragment`.
     pub(super) fn handle_progress(&mut self, sequence: SequenceNumber, fragment: u32) {
         self.progress = self.progress.max(Some((sequence, fragment)));
+        self.is_silent = false;
+    }
+
+    /// It is not waited for until it tells how far it has got.
+    pub(super) fn fall_silent(&mut self) {
+        self.is_silent = true;
+    }
+
+    pub(super) fn is_silent(&self) -> bool {
+        self.is_silent
     }
 
     /// The first fragment of a change that it lacks; `None` where it does not tell such things.

@@ -1,5 +1,7 @@
 //! Samples that need many datagrams: DATA_FRAG and NACK_FRAG (RTPS 2.5 section 8.4.14.1).
 
+use std::time::Duration;
+
 use rtps_user::qos::{Durability, History, Qos, Reliability};
 use rtps_user::wire::{EntityKind, Guid};
 
@@ -32,7 +34,7 @@ fn numbers(network: &mut Network, reader: Guid) -> Vec<u32> {
 #[test]
 fn a_large_sample_takes_as_many_datagrams_as_it_must() {
     let (mut network, writer, reader) = pair(Conditions::PERFECT, 1);
-    network.run_for(std::time::Duration::from_secs(1));
+    network.run_for(Duration::from_secs(1));
     let before = network.datagrams;
     network.write(writer, sample(1, 0, 1 << 20)).unwrap();
     network.run_until_acknowledged(writer);
@@ -50,6 +52,30 @@ fn a_megabyte_survives_loss() {
         network.run_until_acknowledged(writer);
         assert_eq!(numbers(&mut network, reader), [1]);
         assert!(network.datagrams - before < 4 * 720, "wasteful repairs");
+    }
+}
+
+/// 20 a second would leave 50 ms for each, of which the link itself and the CPUs need most.
+#[test]
+fn losses_hold_up_a_large_sample_for_milliseconds() {
+    const SAMPLES: u32 = 5;
+    let conditions = Conditions {
+        loss: 5,
+        ..Conditions::PERFECT
+    };
+    for seed in seeds(3) {
+        let (mut network, writer, reader) = pair(conditions, seed);
+        network.run_for(Duration::from_secs(1));
+        let (start, before) = (network.now, network.datagrams);
+        for number in 1..=SAMPLES {
+            network.write_blocking(writer, sample(number, 0, 4 << 20));
+        }
+        network.run_until_acknowledged(writer);
+        assert_numbers(&numbers(&mut network, reader), 1..=SAMPLES);
+        let each = (network.now - start) / SAMPLES;
+        assert!(each < Duration::from_millis(25), "{each:?}");
+        let sent = (network.datagrams - before) / SAMPLES as usize;
+        assert!(sent < 3600, "{sent} datagrams, 2,950 without a loss");
     }
 }
 
@@ -96,7 +122,7 @@ fn a_replaced_large_sample_is_given_up() {
         network.connect(writer, reader);
         for number in 1..=20 {
             network.write(writer, sample(number, 0, 100_000)).unwrap();
-            let pause = network.random.up_to(std::time::Duration::from_millis(5));
+            let pause = network.random.up_to(Duration::from_millis(5));
             network.run_for(pause);
         }
         network.run_until_acknowledged(writer);

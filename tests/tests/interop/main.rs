@@ -12,6 +12,7 @@ mod flow;
 mod instances;
 mod ipv6;
 mod large;
+mod large_and_lossy;
 mod layers;
 mod loss;
 mod matching;

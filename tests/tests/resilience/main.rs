@@ -16,4 +16,5 @@ mod isolation;
 mod many_apps;
 mod same_host;
 mod slow_app;
+mod stuck_reader;
 mod unload;

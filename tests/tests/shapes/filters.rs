@@ -36,7 +36,7 @@ fn one_color(ends: &Ends<'_>) -> Result<()> {
     Ok(())
 }
 
-fn an_expression(ends: &Ends<'_>) -> Result<()> {
+pub(crate) fn an_expression(ends: &Ends<'_>) -> Result<()> {
     let _publisher =
         ends.publisher("-D l -k 0 -z 0 --size-modulo 10 --num-instances 2 --write-period 10")?;
     let filter = "(shapesize BETWEEN 3 AND 5) AND color LIKE '%1'";
@@ -72,7 +72,7 @@ fn a_wrong_expression(ends: &Ends<'_>) -> Result<()> {
 
 const SEPARATION: Duration = Duration::from_millis(500);
 
-fn a_minimum_separation(ends: &Ends<'_>) -> Result<()> {
+pub(crate) fn a_minimum_separation(ends: &Ends<'_>) -> Result<()> {
     let _publisher = ends.publisher("-k 0 -z 0 --write-period 10")?;
     let start = Instant::now();
     let subscriber = ends.subscriber("-k 0 --time-filter 500 --read-period 10")?;

@@ -108,7 +108,7 @@ fn old_samples_are_gone_at_the_writer(ends: &Ends<'_>) -> Result<()> {
 }
 
 /// Who reads late does not get it either.
-fn old_samples_are_gone_at_the_reader(ends: &Ends<'_>) -> Result<()> {
+pub(crate) fn old_samples_are_gone_at_the_reader(ends: &Ends<'_>) -> Result<()> {
     let _publisher = ends.publisher("-k 0 -z 0 --write-period 20 --lifespan 100")?;
     let subscriber = ends.subscriber("-k 0 --read-period 1000")?;
     let jumped = |samples: &[lines::Sample]| {

@@ -52,7 +52,7 @@ fn count(samples: &[Sample], topic: &str, size: u32) -> usize {
     samples.iter().filter(of_size).count()
 }
 
-fn instances_are_disposed(ends: &Ends<'_>) -> Result<()> {
+pub(crate) fn instances_are_disposed(ends: &Ends<'_>) -> Result<()> {
     instances_end(ends, "d", "NOT_ALIVE_DISPOSED_INSTANCE_STATE")
 }
 

@@ -6,6 +6,7 @@
 //! size says which samples have come.
 
 mod access;
+mod busy;
 mod command_line;
 mod filters;
 mod history;

@@ -27,7 +27,7 @@ pub(crate) fn wait_more(subscriber: &Process, size: u32, more: usize) -> Result<
     Ok(())
 }
 
-fn the_stronger_writer_takes_over(ends: &Ends<'_>) -> Result<()> {
+pub(crate) fn the_stronger_writer_takes_over(ends: &Ends<'_>) -> Result<()> {
     let subscriber = ends.subscriber("-s 0 -k 0")?;
     let _weak = ends.publisher("-s 3 -z 30")?;
     wait_more(&subscriber, 30, 5)?;

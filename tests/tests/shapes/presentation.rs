@@ -113,7 +113,7 @@ fn sets_of_a_topic_are_whole(ends: &Ends<'_>) -> Result<()> {
 }
 
 /// What one iteration shows of one topic, it shows of all.
-fn sets_of_a_group_are_whole(ends: &Ends<'_>) -> Result<()> {
+pub(crate) fn sets_of_a_group_are_whole(ends: &Ends<'_>) -> Result<()> {
     let _publisher = publisher(ends, 'g', 3)?;
     let subscriber = subscriber(ends, 'g', 3)?;
     ensure_whole_groups(&subscriber)

@@ -41,6 +41,7 @@ impl Stage {
             layer,
             near,
             far,
+            partition: None,
             _daemons: [start(near, layer)?, start(far, layer)?],
         })
     }
@@ -52,6 +53,7 @@ impl Stage {
             layer,
             near,
             far,
+            partition: None,
             _daemons: [start(near, layer)?, None],
         })
     }
@@ -70,10 +72,20 @@ pub(crate) struct Ends<'a> {
     layer: Layer,
     near: &'a Host,
     far: &'a Host,
+    partition: Option<&'static str>,
     _daemons: [Option<KernelLayer<'a>>; 2],
 }
 
 impl Ends<'_> {
+    /// The same hosts, for programs that meet only each other.
+    pub(crate) fn in_partition(&self, name: &'static str) -> Ends<'_> {
+        Ends {
+            partition: Some(name),
+            _daemons: [None, None],
+            ..*self
+        }
+    }
+
     /// A publisher of topic Square on the first host, which prints what it writes.
     pub(crate) fn publisher(&self, arguments: &str) -> Result<Process> {
         spawn(self.command(self.near, &format!("-P -t Square -w {arguments}"))?)
@@ -123,6 +135,12 @@ impl Ends<'_> {
         let mut command = host.netns.command_as(Identity::NOBODY, &program)?;
         command
             .args(arguments.split_whitespace())
+            .args(
+                self.partition
+                    .map(|name| ["-p", name])
+                    .into_iter()
+                    .flatten(),
+            )
             .env("RTPS_LAYER", self.layer.name());
         Ok(command)
     }

@@ -10,6 +10,7 @@ use rtps_tests::stage::{PATIENCE, eventually};
 use rtps_tests::{require, skip_unless};
 use serde_json::Value;
 
+use crate::busy::Busy;
 use crate::lines::{self, wait_line};
 use crate::stage::{Ends, Stage};
 
@@ -21,6 +22,19 @@ fn cyclone_on_the_kernel_layer() -> Result<()> {
 #[test]
 fn cyclone_on_the_in_process_layer() -> Result<()> {
     meet_cyclone(Layer::InProcess)
+}
+
+/// What is late is complete all the same.
+#[test]
+fn cyclone_while_all_cpus_are_busy() -> Result<()> {
+    skip_unless!(require::root());
+    let (stage, peer) = (Stage::new("shapes-busy")?, peers::cyclone()?);
+    let ends = &stage.with_near(Layer::Kernel)?;
+    let _busy = Busy::start()?;
+    let meeting = Meeting { ends, peer };
+    meeting.instances_to_peer(1, DISPOSED)?;
+    meeting.instances_from_peer(1, DISPOSED)?;
+    meeting.best_effort()
 }
 
 #[test]

@@ -75,7 +75,9 @@ fn a_large_change_waits_for_readers_that_tell_how_far_they_have_got() {
         fragments(&lines)
     );
     assert!(lines.last().unwrap().starts_with("HeartbeatFrag"));
-    assert_eq!(fragments(&bench.pass(Duration::from_millis(19))), 0);
+    let questions = bench.pass(Duration::from_millis(19));
+    let is_question = |line: &String| line.starts_with("HeartbeatFrag");
+    assert!(!questions.is_empty() && questions.iter().all(is_question));
     let more = fragments(&bench.pass(Duration::from_millis(1)));
     assert_eq!(more, window, "the reader has not answered");
     for fragment in (200..1200).step_by(50) {
@@ -84,6 +86,30 @@ fn a_large_change_waits_for_readers_that_tell_how_far_they_have_got() {
     }
     assert_eq!(bench.lines(), [""; 0]);
     assert!(bench.writer.live.end() > SequenceNumber(1));
+}
+
+#[test]
+fn a_reader_that_has_fallen_silent_does_not_hold_up_the_others() {
+    let mut bench = matched();
+    bench.match_reader(2, 7412, reliable(Durability::Volatile));
+    bench.write(3000 * DATAGRAM);
+    let window = fragments(&bench.lines());
+    for reader in [1, 2] {
+        bench.progress(reader, 1, 50);
+    }
+    let mut sent = window + fragments(&bench.lines());
+    bench.progress(1, 1, sent as u32 + 1);
+    assert_eq!(fragments(&bench.lines()), 0, "the other one is waited for");
+    sent += fragments(&bench.pass(Duration::from_millis(20)));
+    for _ in 0..3 {
+        bench.progress(1, 1, sent as u32 + 1);
+        let more = fragments(&bench.lines());
+        assert_eq!(more, window, "only this one is waited for");
+        sent += more;
+    }
+    bench.progress(2, 1, sent as u32 / 2);
+    bench.progress(1, 1, sent as u32 + 1);
+    assert_eq!(fragments(&bench.lines()), 0, "both are again");
 }
 
 #[test]
