@@ -19,6 +19,7 @@ mod core;
 mod entity;
 mod external;
 mod group_sets;
+mod inflow;
 mod news;
 mod outgoing;
 mod seat;
