@@ -268,6 +268,7 @@ impl Core {
 
     /// The app has written `len` bytes: timers will be short for a while. Whether they wait for more.
     pub(super) fn note_write(&mut self, now: Instant, len: usize, patience: Patience) -> bool {
+        self.seat.inflow.interrupt();
         self.batching.holds(now, len, patience)
     }
 
@@ -281,6 +282,9 @@ impl Core {
                 tracing::debug!(%source, len = datagram.len(), %error, "malformed datagram");
             }
         });
+        if count > 0 {
+            self.seat.inflow.arrived(now, count);
+        }
         self.settle(now);
         count
     }

@@ -20,6 +20,7 @@ mod entity;
 mod external;
 mod group_sets;
 mod ignored;
+mod inflow;
 mod news;
 mod outgoing;
 mod scope;

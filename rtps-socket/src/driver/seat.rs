@@ -3,6 +3,7 @@
 use std::thread::{self, ThreadId};
 use std::time::{Duration, Instant};
 
+use super::inflow::Inflow;
 use super::spin::Eagerness;
 
 /// A timer may be late by this much when the thread in the seat sleeps: writing in a steady rhythm then never has to
@@ -56,6 +57,8 @@ pub(crate) struct Seat {
     pub(super) naps: bool,
     /// Whether a waiting thread looks for a moment before it sleeps.
     pub(super) eagerness: Eagerness,
+    /// Whether it naps between two looks.
+    pub(super) inflow: Inflow,
     /// Threads that wait for the holder to find something for them.
     pub(super) followers: usize,
     /// Something happened that a follower may wait for.

@@ -5,6 +5,7 @@
 //! looks for a moment before it sleeps again, and lets other processes run between two looks: who is to answer may be
 //! waiting for the very same CPU. Where that is in vain it is tried ever more rarely. Where a third process wants the
 //! CPU, that one runs for as long as the scheduler likes, and no wake-up helps; then it is not tried for a while.
+//! In a stream the thread naps between two looks, see `inflow`.
 
 use std::sync::MutexGuard;
 use std::thread;
@@ -27,6 +28,19 @@ const REST_MAX: Duration = Duration::from_secs(2);
 const GLANCE: Duration = Duration::from_millis(1);
 /// Looks between two looks at the clock.
 const LOOKS: usize = 16;
+/// The system adds some 50 us, unless the thread is of a real-time class.
+const NAP: Duration = Duration::from_micros(20);
+
+/// What a thread does between two looks.
+#[derive(Clone, Copy, Debug, Eq, PartialEq)]
+enum Pause {
+    /// Nothing: the app has told it to look.
+    Spin,
+    /// It lets others run.
+    Yield,
+    /// It gives what arrives time to add up.
+    Nap,
+}
 
 /// Whether looking for a moment has paid lately.
 #[derive(Debug, Default)]
@@ -150,11 +164,16 @@ impl Shared {
             .flatten()
             .fold(end.min(now + GLANCE), Instant::min);
         let arrivals = core.arrivals();
+        let pause = match spinning.is_told {
+            true => Pause::Spin,
+            false if core.seat.inflow.is_stream() => Pause::Nap,
+            false => Pause::Yield,
+        };
         self.release(core);
         let mut wakeups = Wakeups::default();
         let outcome = match arrivals {
-            Some(arrivals) => look_until(now, end, spinning.is_told, || arrivals.has_arrived()),
-            None => look_until(now, end, spinning.is_told, || {
+            Some(arrivals) => look_until(now, end, pause, || arrivals.has_arrived()),
+            None => look_until(now, end, pause, || {
                 wakeups = self.epoll.wait(Some(Duration::ZERO)).unwrap_or_default();
                 !wakeups.is_empty()
             }),
@@ -186,17 +205,16 @@ impl Shared {
     }
 }
 
-/// Looks until something has arrived or `end` has come; an app that has told to look keeps the CPU meanwhile. Whether
-/// another process had the CPU for long, and the time.
+/// Looks until something has arrived or `end` has come. Whether another process had the CPU for long, and the time.
 fn look_until(
     start: Instant,
     end: Instant,
-    keeps_cpu: bool,
+    pause: Pause,
     mut has_arrived: impl FnMut() -> bool,
 ) -> (bool, Instant) {
     let mut now = start;
     loop {
-        let looks = if keeps_cpu { LOOKS } else { 1 };
+        let looks = if pause == Pause::Spin { LOOKS } else { 1 };
         for look in 0..looks {
             if has_arrived() {
                 // What had arrived at the first look was there when the clock was read.
@@ -204,11 +222,13 @@ fn look_until(
             }
             std::hint::spin_loop();
         }
-        if !keeps_cpu {
-            thread::yield_now();
+        match pause {
+            Pause::Spin => {}
+            Pause::Yield => thread::yield_now(),
+            Pause::Nap => thread::sleep(NAP),
         }
         let before = std::mem::replace(&mut now, Instant::now());
-        let is_disturbed = !keeps_cpu && now >= before + MOMENT;
+        let is_disturbed = pause == Pause::Yield && now >= before + MOMENT;
         if is_disturbed || now >= end {
             return (is_disturbed, now);
         }

@@ -4,9 +4,13 @@ use std::net::UdpSocket;
 
 use crate::sys::udp;
 
-/// Datagrams after which what has piled up is thrown away: few enough that the socket's receive buffer, without room
-/// in which it would not wake anybody, cannot be full, and enough for the system call not to matter.
-const PENDING_MAX: usize = 32;
+/// Bytes after which what has piled up is thrown away: few enough that the socket's receive buffer, without room
+/// in which it would not wake anybody, cannot be full (it has 212,992 where nobody changed net.core.rmem_default, and the
+/// last burst may have 65,536), and enough for the system call not to matter.
+const PENDING_MAX: usize = 80 * 1024;
+/// What the kernel counts for a datagram beside its payload, at most. A burst counts as much as it had, though it was
+/// emptied to ring.
+const OVERHEAD: usize = 1024;
 
 /// How often records are taken after a sleep until none of them can have rung any more: a program that saw the app
 /// asleep may be a little late with its record.
@@ -16,7 +20,7 @@ const LATE_ROUNDS: u32 = 4;
 #[derive(Debug)]
 pub(super) struct Doorbell {
     socket: UdpSocket,
-    /// The most datagrams that can be in the socket.
+    /// The most bytes that can be in the socket.
     pending: usize,
     /// How often records are still to be taken that may have rung.
     rounds: u32,
@@ -41,9 +45,10 @@ impl Doorbell {
         self.rounds = LATE_ROUNDS;
     }
 
-    /// `records` were taken out of the ring, and the socket has woken the app or not. Until the app is awake and says
-    /// so, each of the records may have rung: a burst leaves many datagrams, whatever the number of wake-ups.
-    pub(super) fn took(&mut self, records: usize, has_rung: bool) {
+    /// `records` of so many `bytes` were taken out of the ring, and the socket has woken the app or not. Until the app is
+    /// awake and says so, each of the records may have rung: one after the other leaves its datagram, whatever the number
+    /// of wake-ups.
+    pub(super) fn took(&mut self, records: usize, bytes: usize, has_rung: bool) {
         if self.rounds == 0 && !has_rung {
             return;
         }
@@ -51,11 +56,12 @@ impl Doorbell {
         self.rounds -= u32::from(records > 0).min(self.rounds);
         // Without a record it rings for one that was taken before, or a stranger does: nobody counts those.
         let is_late = has_rung && records == 0;
-        self.pending += records;
+        let taken = bytes + records * OVERHEAD;
+        self.pending += taken;
         if is_late || self.pending >= PENDING_MAX {
             udp::discard_pending(&self.socket);
             // A record is in the ring a little before its datagram is in the socket.
-            self.pending = records;
+            self.pending = taken;
         }
     }
 }
@@ -68,6 +74,8 @@ mod tests {
     use super::*;
     use crate::sys::{Epoll, Interest};
 
+    const LEN: usize = 1400;
+
     /// Sends `burst` datagrams per wake-up; `take` tells the doorbell what came out of the ring.
     fn ring_often(burst: usize, mut take: impl FnMut(&mut Doorbell)) {
         let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
@@ -77,7 +85,7 @@ mod tests {
         let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
         for round in 0..2000 {
             for _ in 0..burst {
-                sender.send_to(&[0; 1400], address).unwrap();
+                sender.send_to(&[0; LEN], address).unwrap();
             }
             doorbell.armed();
             let wakeups = epoll.wait(Some(Duration::from_millis(500))).unwrap();
@@ -89,15 +97,15 @@ mod tests {
     #[test]
     fn it_never_stops_ringing() {
         for burst in [1, 3, 44, 300] {
-            ring_often(burst, |doorbell| doorbell.took(burst, true));
+            ring_often(burst, |doorbell| doorbell.took(burst, burst * LEN, true));
         }
     }
 
     #[test]
     fn records_taken_without_a_wake_up_count() {
         ring_often(44, |doorbell| {
-            doorbell.took(1, true);
-            doorbell.took(43, false);
+            doorbell.took(1, LEN, true);
+            doorbell.took(43, 43 * LEN, false);
         });
     }
 
@@ -105,12 +113,12 @@ mod tests {
     fn what_comes_while_the_app_is_awake_does_not_ring() {
         let mut doorbell = Doorbell::new(UdpSocket::bind("127.0.0.1:0").unwrap());
         doorbell.armed();
-        (0..100).for_each(|_| doorbell.took(1, false));
-        assert_eq!(doorbell.pending, LATE_ROUNDS as usize);
+        (0..100).for_each(|_| doorbell.took(1, LEN, false));
+        assert_eq!(doorbell.pending, LATE_ROUNDS as usize * (LEN + OVERHEAD));
     }
 
     #[test]
     fn datagrams_that_come_after_their_records_do_not_fill_it() {
-        ring_often(20, |doorbell| doorbell.took(0, true));
+        ring_often(20, |doorbell| doorbell.took(0, 0, true));
     }
 }

@@ -235,15 +235,18 @@ impl Link for KernelLink {
     }
 
     fn receive(&mut self, now: Instant, wakeups: Wakeups, sink: &mut Sink<'_>) {
-        let records = self
-            .ring
-            .drain(RECORDS_AT_ONCE, |record| match record::parse(record) {
+        let mut bytes = 0;
+        let records = self.ring.drain(RECORDS_AT_ONCE, |record| {
+            bytes += record.len();
+            match record::parse(record) {
                 // Those addresses are for what comes out of channels.
                 Some((source, _)) if local::is_local(source.ip()) => {}
                 Some((source, messages)) => messages.for_each(|message| sink(source, message)),
                 None => tracing::warn!(len = record.len(), "a record of the ring is malformed"),
-            });
-        self.doorbell.took(records, wakeups.contains(DOORBELL));
+            }
+        });
+        let has_rung = wakeups.contains(DOORBELL);
+        self.doorbell.took(records, bytes, has_rung);
         self.channels.receive(sink);
         while let Some(request) = self.fan_out.poll_request() {
             self.control.request(now, request);
