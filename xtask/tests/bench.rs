@@ -9,7 +9,7 @@ use rtps_tests::process::Process;
 use rtps_tests::{require, skip_unless};
 use serde_json::Value;
 
-/// The release build of the program is made first, where it is missing.
+/// The programs that are measured are built first, where they are missing.
 const END: Duration = Duration::from_secs(600);
 const STACKS: [&str; 2] = ["kernel", "udp"];
 /// What each row of both benchmarks has.
@@ -43,7 +43,7 @@ fn throughput_has_a_rate() -> Result<()> {
 fn rows(arguments: &str) -> Result<Vec<Value>> {
     let mut command = Command::new(env!("CARGO_BIN_EXE_xtask"));
     command.arg("bench").args(arguments.split_whitespace());
-    command.args(["--json", "--seconds", "0.5", "--rounds", "1"]);
+    command.args(["--json", "--quick"]);
     command.args(STACKS.iter().flat_map(|stack| ["--stack", stack]));
     let mut bench = Process::spawn("bench", &mut command)?;
     bench.wait_success(END)?;

@@ -100,7 +100,10 @@ impl Bench {
 }
 
 fn run(options: &Options, measures: &[Measure]) -> Result<()> {
-    discovery::as_release_build()?;
+    // A quick run tells nothing of speed, for which a build of minutes would be too much.
+    if !options.quick {
+        discovery::as_release_build()?;
+    }
     interrupt::catch()?;
     let mut rows = Vec::new();
     for measure in measures {
