@@ -16,6 +16,7 @@ on_both_layers! {
     data_to_ddsperf,
     data_of_ddsperf,
     every_topic_to_ddsperf,
+    bursts_wake_who_sleeps,
 }
 
 on_pairs_of_layers! { pings_between_hosts, data_between_hosts }
@@ -99,6 +100,18 @@ fn pings_between_hosts(near: Layer, far: Layer) -> Result<()> {
     }
     let summary = end(pong)?;
     ensure!(number(&summary, "count") > 100, "{summary}");
+    Ok(())
+}
+
+/// Each sample comes as a burst of more than 40 datagrams. Whom it does not wake looks ten times a second.
+fn bursts_wake_who_sleeps(layer: Layer) -> Result<()> {
+    let stage = Stage::new("perf-bursts")?;
+    let (near, far) = (stage.near(layer)?, stage.far(layer)?);
+    let _pong = far.perf("pong --busy-poll 0")?;
+    let mut ping = near.perf("ping --size 60000 --busy-poll 0 --duration 2")?;
+    ping.wait_success(END)?;
+    let summary = summary(&ping)?;
+    ensure!(number(&summary, "count") > 200, "{summary}");
     Ok(())
 }
 
