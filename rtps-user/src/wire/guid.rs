@@ -100,6 +100,17 @@ impl EntityId {
         self.0[3] & 0xc0 == 0xc0
     }
 
+    /// The readers that are concerned by what a writer has for all: of a built-in topic all have one id, which differs from
+    /// the writer's in its kind (RTPS 2.5 section 9.3.1.3, table 9.5); those of other topics are not known.
+    pub fn readers_of_all(self) -> Self {
+        let [a, b, c, kind] = self.0;
+        match kind {
+            0xc2 => Self([a, b, c, 0xc7]),
+            0xc3 => Self([a, b, c, 0xc4]),
+            _ => Self::UNKNOWN,
+        }
+    }
+
     /// Whether the entity is a writer, of whatever origin.
     pub fn is_writer(self) -> bool {
         matches!(self.0[3] & 0x3f, 0x02 | 0x03)

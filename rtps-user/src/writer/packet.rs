@@ -186,7 +186,8 @@ pub(super) struct Packet<'a> {
 }
 
 impl<'a> Packet<'a> {
-    /// For every reader at its destinations.
+    /// For every reader at its destinations. Built-in readers are named: dust_dds 0.16 takes a disposal for any reader to be that
+    /// of the participant.
     pub(super) fn undirected(out: &'a mut Vec<u8>, layout: &'a Layout) -> Self {
         let message = MessageWriter::new(out, layout.writer.prefix);
         let message = message.with_parameters(layout.parameters());
@@ -194,7 +195,7 @@ impl<'a> Packet<'a> {
             prologue: message.len(),
             message,
             layout,
-            reader: EntityId::UNKNOWN,
+            reader: layout.writer.entity.readers_of_all(),
             bare_key: None,
             timestamp: None,
             filter_info: &[],

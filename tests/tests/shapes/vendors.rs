@@ -114,10 +114,7 @@ fn meet_dust_dds(layer: Layer) -> Result<()> {
     let ends = &stage.with_near(layer)?;
     let meeting = Meeting { ends, peer };
     meeting.play()?;
-    // Of several that start at once, some do not hear of all writers of a kernel layer.
-    if layer == Layer::InProcess {
-        meeting.misfits_to_peer()?;
-    }
+    meeting.misfits_to_peer()?;
     for end in [DISPOSED, UNREGISTERED] {
         meeting.instances_to_peer(2, end)?;
         meeting.instances_from_peer(2, end)?;
