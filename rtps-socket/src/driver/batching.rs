@@ -12,8 +12,9 @@ use rtps_user::qos::{History, Qos};
 
 /// Writes in a row after which the app is taken to stream.
 const STREAM: u32 = 4;
-/// Between two writes of a stream there is less time than any round trip takes: an app that answers does not stream.
-const GAP: Duration = Duration::from_micros(20);
+/// Between two writes of a stream, and two datagrams that arrive in one, there is less time than any round trip takes: an app
+/// that answers does not stream.
+pub(super) const GAP: Duration = Duration::from_micros(20);
 /// For how long a sample of a stream waits: a stream writes hundreds of them in that time.
 const PAUSE: Duration = Duration::from_micros(100);
 /// Payload that is enough to be sent.

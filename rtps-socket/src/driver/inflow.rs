@@ -4,10 +4,10 @@
 //! would keep a CPU busy all the time. It naps instead, and takes together what has come meanwhile. An app that writes
 //! between two arrivals is one that answers, or waits for an answer, and never naps.
 
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-/// Between two datagrams of a stream there is less time than any round trip takes.
-const GAP: Duration = Duration::from_micros(20);
+use super::batching::GAP;
+
 /// Arrivals in a row after which they are taken for a stream.
 const STREAM: u32 = 16;
 
@@ -45,6 +45,8 @@ impl Inflow {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
 
     /// Whether it is a stream when `count` datagrams come together a hundred times, `gap_us` apart.
