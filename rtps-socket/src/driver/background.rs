@@ -14,6 +14,8 @@ use crate::sys::{Wakeups, wait_readable};
 /// How often it looks whether it is needed while others drive: the longest time that the protocol stands still when
 /// an app that used to wait does something else.
 const GLANCE: Duration = Duration::from_millis(10);
+/// How much later it may look: no timer of its own interrupts those who drive then, a tick of the system does.
+const GLANCE_SLACK: Duration = Duration::from_millis(5);
 /// The pause after an error of the system, which none of the calls is expected to give.
 const ERROR_PAUSE: Duration = Duration::from_millis(100);
 
@@ -95,13 +97,24 @@ fn drive<'a>(shared: &'a Shared, mut core: MutexGuard<'a, Core>) -> MutexGuard<'
 /// when somebody wants something.
 fn glance(shared: &Shared) -> u64 {
     let mut waits = shared.waits.load(Ordering::Relaxed);
+    set_timer_slack(GLANCE_SLACK);
     loop {
         let start = Instant::now();
         thread::park_timeout(GLANCE);
         let before = std::mem::replace(&mut waits, shared.waits.load(Ordering::Relaxed));
         if waits == before || start.elapsed() < GLANCE {
-            return waits;
+            break;
         }
+    }
+    set_timer_slack(Duration::ZERO);
+    waits
+}
+
+/// Lets timers of this thread be late (PR_SET_TIMERSLACK(2const)); zero is for what they are allowed to be usually.
+fn set_timer_slack(slack: Duration) {
+    let slack = u64::try_from(slack.as_nanos()).unwrap_or_default();
+    if let Err(error) = nix::sys::prctl::set_timerslack(slack) {
+        tracing::debug!(%error, "timers cannot be late");
     }
 }
 

@@ -8,6 +8,7 @@ use rtps_user::OwnKeys;
 use rtps_user::endpoints::Endpoints;
 use rtps_user::layer::protocol::{Discovered, ToLayer};
 use rtps_user::qos::{ContentFilter, Qos};
+use rtps_user::reader::Reader;
 use rtps_user::wire::{EntityId, EntityKind, Guid};
 use rtps_user::writer::FRAGMENT_OVERHEAD;
 
@@ -33,6 +34,8 @@ pub(crate) struct Core {
     identity: Identity,
     next_serial: u16,
     outgoing: Outgoing,
+    /// When it was last looked for what has arrived.
+    received: Option<Instant>,
     /// Publishers and subscribers, and who listens.
     pub(crate) audience: Audience,
     pub(super) batching: Batching,
@@ -56,6 +59,7 @@ impl Core {
             identity,
             next_serial: 1,
             outgoing: Outgoing::new(),
+            received: None,
             audience: Audience::default(),
             batching: Batching::default(),
             wall_clock: WallClock::default(),
@@ -274,6 +278,7 @@ impl Core {
 
     /// Takes in what has arrived and follows up on it; gives the number of datagrams.
     pub(crate) fn receive(&mut self, now: Instant, wakeups: Wakeups) -> usize {
+        self.received = Some(now);
         let mut count = 0;
         let endpoints = &mut self.endpoints;
         self.link.receive(now, wakeups, &mut |source, datagram| {
@@ -287,6 +292,19 @@ impl Core {
         }
         self.settle(now);
         count
+    }
+
+    /// Takes in what costs no system call.
+    pub(super) fn take_in(&mut self, now: Instant) {
+        self.receive(now, Wakeups::default());
+    }
+
+    /// Whether a reader has so many samples for the app that more had better stay where they are for a moment: that costs
+    /// no memory, and slows the writer down where the app is the slowest.
+    pub(super) fn has_backlog(&self, now: Instant, id: EntityId) -> bool {
+        const MOMENT: Duration = Duration::from_millis(1);
+        let is_recent = self.received.is_some_and(|last| now < last + MOMENT);
+        is_recent && self.endpoints.reader(id).is_some_and(Reader::has_backlog)
     }
 
     /// Where what has arrived can be seen.
@@ -340,10 +358,10 @@ impl Core {
             let Some(transmit) = self.endpoints.poll_transmit(now, buffer) else {
                 break;
             };
-            let send = |burst: &Burst<'_>| self.link.send(burst);
+            let send = |burst: &Burst<'_>| self.link.send(now, burst);
             self.outgoing.appended(start, transmit, send);
         }
-        self.outgoing.flush(|burst| self.link.send(burst));
+        self.outgoing.flush(|burst| self.link.send(now, burst));
         self.batching.sent();
     }
 

@@ -1,5 +1,6 @@
 //! Driving a link that behaves oddly.
 
+mod backlog;
 mod filters;
 
 use std::net::{SocketAddr, UdpSocket};
@@ -25,6 +26,10 @@ const CONTROL: u8 = 2;
 struct Steering {
     /// There is always another record.
     is_flooded: AtomicBool,
+    /// There are always more samples of the remote writer.
+    streams: AtomicBool,
+    /// How many there have been.
+    streamed: Mutex<i64>,
     is_lost: AtomicBool,
     /// Times that the descriptor was found readable.
     seen: AtomicUsize,
@@ -55,7 +60,7 @@ impl Link for OddLink {
         self.0.messages.lock().unwrap().pop()
     }
 
-    fn send(&mut self, burst: &Burst<'_>) {
+    fn send(&mut self, _now: Instant, burst: &Burst<'_>) {
         for datagram in burst.datagrams() {
             let received = MessageReceiver::new(GuidPrefix::UNKNOWN, datagram).unwrap();
             let samples = received.filter_map(|received| match received.unwrap().submessage {
@@ -73,6 +78,10 @@ impl Link for OddLink {
         if self.0.is_flooded.load(Ordering::Relaxed) {
             sink(SocketAddr::from(([127, 0, 0, 1], 1)), b"not of RTPS");
         }
+        if self.0.streams.load(Ordering::Relaxed) {
+            let samples = backlog::next_samples(&mut self.0.streamed.lock().unwrap());
+            sink(SocketAddr::from(([127, 0, 0, 1], 1)), &samples);
+        }
     }
 
     fn arrivals(&self) -> Option<Arc<dyn Arrivals>> {
@@ -80,7 +89,8 @@ impl Link for OddLink {
     }
 
     fn prepare_sleep(&mut self) -> bool {
-        !self.0.is_flooded.load(Ordering::Relaxed)
+        let is_endless = [&self.0.is_flooded, &self.0.streams];
+        !is_endless.iter().any(|flag| flag.load(Ordering::Relaxed))
     }
 
     fn awake(&mut self) {}

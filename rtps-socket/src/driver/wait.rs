@@ -4,6 +4,8 @@ use std::sync::atomic::Ordering;
 use std::sync::{MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use rtps_user::wire::EntityId;
+
 use super::seat::{Holder, LOOK_PERIOD, this_thread};
 use super::spin::Spinning;
 use super::{Core, Shared, clear, signal};
@@ -52,12 +54,27 @@ impl Shared {
         limit: impl Into<Limit>,
         look: impl FnMut(&mut Core, Instant) -> Option<R>,
     ) -> Option<R> {
-        self.wait_within(&mut limit.into(), look)
+        self.wait_with(|core, now| core.take_in(now), &mut limit.into(), look)
     }
 
-    /// As [`wait_until`](Self::wait_until), for one of several waits that share a limit.
-    pub(crate) fn wait_within<R>(
+    /// As [`wait_until`](Self::wait_until), for something in a reader, and for one of several waits that share a limit.
+    pub(crate) fn wait_in_reader<R>(
         &self,
+        id: EntityId,
+        limit: &mut Limit,
+        look: impl FnMut(&mut Core, Instant) -> Option<R>,
+    ) -> Option<R> {
+        let take_in = |core: &mut Core, now| {
+            if !core.has_backlog(now, id) {
+                core.take_in(now);
+            }
+        };
+        self.wait_with(take_in, limit, look)
+    }
+
+    fn wait_with<R>(
+        &self,
+        take_in: impl FnOnce(&mut Core, Instant),
         limit: &mut Limit,
         mut look: impl FnMut(&mut Core, Instant) -> Option<R>,
     ) -> Option<R> {
@@ -69,7 +86,7 @@ impl Shared {
         let deadline = limit.end(now);
         let mut spinning = Spinning::new(self.busy_poll, &mut core.seat.eagerness, now);
         core.batching.sent();
-        core.receive(now, Wakeups::default());
+        take_in(&mut core, now);
         let found = loop {
             let found = look(&mut core, now);
             // A wait without a deadline would never end in a participant that lost its layer.
@@ -114,8 +131,25 @@ impl Shared {
     /// Runs the protocol with what costs no system call to take in.
     pub(crate) fn poll<R>(&self, look: impl FnOnce(&mut Core, Instant) -> R) -> R {
         self.with(|core, now| {
-            core.receive(now, Wakeups::default());
+            core.take_in(now);
             self.look_briefly(core, now, false);
+            look(core, now)
+        })
+    }
+
+    /// As [`poll`](Self::poll), for something in a reader.
+    pub(crate) fn poll_reader<R>(
+        &self,
+        id: EntityId,
+        look: impl FnOnce(&mut Core, Instant) -> R,
+    ) -> R {
+        self.with(|core, now| {
+            if core.has_backlog(now, id) {
+                self.send_background_away(core);
+            } else {
+                core.take_in(now);
+                self.look_briefly(core, now, false);
+            }
             look(core, now)
         })
     }
@@ -170,6 +204,15 @@ impl Shared {
         core.seat.since = Some(now);
         core.seat.thread = Some(this_thread());
         true
+    }
+
+    /// Nobody takes in anything for a while, and the background thread glances whether that goes on.
+    fn send_background_away(&self, core: &mut Core) {
+        self.waits.fetch_add(1, Ordering::Relaxed);
+        if core.seat.holder == Holder::Background {
+            signal(&self.dismissal);
+            core.seat.holder = Holder::Nobody;
+        }
     }
 
     pub(super) fn sleep_in_seat<'a>(

@@ -4,6 +4,7 @@
 //! rtpsd does the discovery. The [`in_process`] link needs nobody: plain UDP sockets, and the layer's discovery runs
 //! in the app. The driver polls either in the same way.
 
+mod direct;
 pub(crate) mod in_process;
 pub(crate) mod kernel;
 mod open;
@@ -105,7 +106,7 @@ pub(crate) trait Link: Send {
     fn poll_message(&mut self) -> Option<FromLayer>;
 
     /// Sends datagrams from the app's own socket. What cannot be sent counts as lost on the way.
-    fn send(&mut self, burst: &Burst<'_>);
+    fn send(&mut self, now: Instant, burst: &Burst<'_>);
 
     /// Takes what has arrived, a bounded number of datagrams: all that costs no system call, and what `wakeups`
     /// names.

@@ -2,11 +2,13 @@
 
 use std::io;
 use std::net::{SocketAddr, UdpSocket};
+use std::time::Instant;
 
 use nix::sys::socket::{setsockopt, sockopt};
 use rtps_user::ipv6;
 
 use super::Burst;
+use super::direct::Direct;
 use crate::sys::udp;
 
 /// What is known of one socket, or of one for each family.
@@ -16,11 +18,30 @@ pub(crate) struct Sender {
     one_by_one: bool,
     /// What the socket marks datagrams with, by IPv4 and IPv6.
     dscp: [u8; 2],
+    /// For lone datagrams without a mark.
+    direct: Direct,
 }
 
 impl Sender {
-    /// Sends the datagrams of a burst to one of its destinations.
+    /// Sends the datagrams of a burst to one of its destinations: from the socket, or from another where nobody cares
+    /// and that is faster.
     pub(crate) fn send(
+        &mut self,
+        now: Instant,
+        socket: &UdpSocket,
+        destination: SocketAddr,
+        burst: &Burst<'_>,
+    ) -> io::Result<()> {
+        let is_lone = burst.bytes.len() <= burst.segment && burst.dscp == 0;
+        let to = ipv6::to_socket(destination);
+        match is_lone && self.direct.send(now, to, burst.bytes) {
+            true => Ok(()),
+            false => self.send_from(socket, destination, burst),
+        }
+    }
+
+    /// Sends the datagrams of a burst from the socket.
+    pub(crate) fn send_from(
         &mut self,
         socket: &UdpSocket,
         destination: SocketAddr,
@@ -89,7 +110,9 @@ mod tests {
             segment: 100,
             dscp: 0,
         };
-        sender.send(&socket, destination, &burst).unwrap();
+        sender
+            .send(Instant::now(), &socket, destination, &burst)
+            .unwrap();
         let mut datagrams = Vec::new();
         for _ in 0..3 {
             let mut buffer = [0; 300];
@@ -129,7 +152,9 @@ mod tests {
                 segment: 8,
                 dscp,
             };
-            sender.send(&socket, destination, &burst).unwrap();
+            sender
+                .send(Instant::now(), &socket, destination, &burst)
+                .unwrap();
             let class = getsockopt(&socket, sockopt::Ipv4Tos).unwrap();
             assert_eq!(class, i32::from(dscp) << 2);
         }
@@ -149,7 +174,9 @@ mod tests {
             dscp: 0,
         };
         let mut sender = Sender::default();
-        sender.send(&socket, destination, &burst).unwrap();
+        sender
+            .send(Instant::now(), &socket, destination, &burst)
+            .unwrap();
         assert!(sender.one_by_one);
         for _ in 0..200 {
             let mut buffer = [0; 8];

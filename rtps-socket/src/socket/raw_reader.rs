@@ -42,7 +42,14 @@ impl RawReader {
 
     /// Takes up to `max` samples of a selection out of the reader, without waiting.
     pub fn take(&self, max: usize, selection: &Selection) -> Vec<Sample> {
-        self.access(|reader| reader.take(max, selection))
+        if *selection != Selection::default() {
+            return self.access(|reader| reader.take(max, selection));
+        }
+        let id = self.endpoint.id();
+        self.endpoint.shared().poll_reader(id, |core, _| {
+            let reader = core.endpoints.reader_mut(id);
+            reader.map_or_else(Vec::new, |reader| reader.take(max, selection))
+        })
     }
 
     /// Reads up to `max` samples of a selection, which stay in the reader and count as read then.
@@ -147,27 +154,27 @@ impl RawReader {
     /// As [`recv`](Self::recv), one of several waits that share a limit.
     pub(crate) fn recv_within(&self, limit: &mut Limit) -> Option<Sample> {
         let shared = self.endpoint.shared();
-        shared.wait_within(limit, |core, _| self.take_one(core))
+        let id = self.endpoint.id();
+        shared.wait_in_reader(id, limit, |core, _| self.take_one(core))
     }
 
     /// Waits until there is a sample that has not been read; false when `timeout` passes before.
     pub fn wait(&self, timeout: Duration) -> bool {
-        let found = self.endpoint.shared().wait_until(timeout, |core, _| {
-            core.endpoints
-                .reader(self.endpoint.id())?
-                .has_data()
-                .then_some(())
+        let (shared, id) = (self.endpoint.shared(), self.endpoint.id());
+        let found = shared.wait_in_reader(id, &mut timeout.into(), |core, _| {
+            core.endpoints.reader(id)?.has_data().then_some(())
         });
         found.is_some()
     }
 
     /// Takes the next sample, or has the task woken when there may be one.
     pub(crate) fn poll_recv(&self, context: &mut Context<'_>) -> Poll<Sample> {
-        self.endpoint.shared().poll(|core, _| {
+        let id = self.endpoint.id();
+        self.endpoint.shared().poll_reader(id, |core, _| {
             if let Some(sample) = self.take_one(core) {
                 return Poll::Ready(sample);
             }
-            core.wake_later(Scope::Endpoint(self.endpoint.id()), context.waker());
+            core.wake_later(Scope::Endpoint(id), context.waker());
             Poll::Pending
         })
     }

@@ -51,6 +51,15 @@ impl Reader {
         self.cache.unread_count > 0
     }
 
+    /// Whether it has as many samples for the application as are worth having at once, none of which gives way to what
+    /// comes after it.
+    pub fn has_backlog(&self) -> bool {
+        const BACKLOG: usize = 256;
+        let cache = &self.cache;
+        let is_open = cache.horizon == u64::MAX;
+        cache.unread_count >= BACKLOG && cache.limits.depth.is_none() && is_open
+    }
+
     /// Whether there is a sample that `selection` selects.
     pub fn has_matching(&self, selection: &Selection) -> bool {
         self.cache.has_matching(selection)

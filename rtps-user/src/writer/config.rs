@@ -56,7 +56,7 @@ impl Default for WriterTiming {
         Self {
             heartbeat_period: Duration::from_millis(10),
             heartbeat_period_max: Duration::from_secs(1),
-            heartbeat_samples: 256,
+            heartbeat_samples: 512,
             nack_response_delay: Duration::ZERO,
             nack_suppression: Duration::from_millis(2),
             nack_suppression_max: Duration::from_millis(100),

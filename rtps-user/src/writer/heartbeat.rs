@@ -34,10 +34,16 @@ pub(super) struct Sent {
 }
 
 impl Sent {
+    /// How many times more bytes may go without a HEARTBEAT where changes are sent one by one, since the answer comes
+    /// within a few of them.
+    const LONE: u64 = 3;
+
     fn reaches(&self, limits: &Self) -> bool {
+        let is_lone = self.flushes >= self.changes;
+        let weight = limits.weight * if is_lone { Self::LONE } else { 1 };
         self.changes > 0
             && (self.changes >= limits.changes
-                || self.weight >= limits.weight
+                || self.weight >= weight
                 || self.flushes >= limits.flushes)
     }
 }

@@ -218,7 +218,8 @@ impl Writer {
         if self.has_reliable_readers() && sent.changes > 0 {
             let is_drained = self.live.end() > self.last;
             sent.flushes = u32::from(is_drained);
-            self.handle_sent(now, sent, is_drained && fragmented);
+            let waits = fragmented || self.fills_window();
+            self.handle_sent(now, sent, is_drained && waits);
         }
     }
 

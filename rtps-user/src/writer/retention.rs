@@ -150,6 +150,13 @@ impl Writer {
         self.window.admits(self.history.weight_from(base))
     }
 
+    /// Whether the next change has to wait until there is room in the window.
+    pub(super) fn fills_window(&self) -> bool {
+        let weight = self.window_base.map(|base| self.history.weight_from(base));
+        let is_full = weight.is_some_and(|weight| weight >= self.window.size() as u64);
+        is_full && self.config.qos.history == History::KeepAll
+    }
+
     fn release_unregistered(&mut self, done: SequenceNumber) {
         while let Some(sequence) = self.unregistered.pop_front_if(|front| *front <= done) {
             let Some(instance) = self.history.get(sequence).map(|change| change.instance) else {

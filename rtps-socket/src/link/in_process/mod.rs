@@ -279,10 +279,10 @@ impl Link for InProcessLink {
         self.inbox.pop_front()
     }
 
-    fn send(&mut self, burst: &Burst<'_>) {
+    fn send(&mut self, now: Instant, burst: &Burst<'_>) {
         for destination in burst.destinations {
             if let Some(sockets) = self.sockets.of(*destination)
-                && let Err(error) = self.sender.send(&sockets.user, *destination, burst)
+                && let Err(error) = self.sender.send(now, &sockets.user, *destination, burst)
             {
                 log_send_error(*destination, burst.bytes.len(), &error);
             }

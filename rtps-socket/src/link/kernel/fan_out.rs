@@ -114,7 +114,7 @@ impl FanOut {
             State::Served { .. } => {
                 let socket = self.socket.as_mut()?;
                 let to = (FAN_OUT_ADDRESS, number(index)).into();
-                Some(socket.sender.send(&socket.socket, to, burst))
+                Some(socket.sender.send_from(&socket.socket, to, burst))
             }
             State::Seen(uses) if *uses + 1 < USES_BEFORE_ASKING => {
                 *uses += 1;

@@ -40,6 +40,9 @@ const CHANNEL: u8 = FIRST + 3;
 
 /// Records that one call takes out of the ring: bounds how long timers wait in a flood.
 const RECORDS_AT_ONCE: usize = 64;
+/// Bytes after which it takes no more: a record may be a burst, whose samples need several times its room once they are
+/// taken apart. They are better kept in the ring until the app has taken those before.
+const BYTES_AT_ONCE: usize = 128 * 1024;
 
 /// Why the kernel layer could not be used.
 #[derive(Debug, Error)]
@@ -211,7 +214,7 @@ impl Link for KernelLink {
         }
     }
 
-    fn send(&mut self, burst: &Burst<'_>) {
+    fn send(&mut self, now: Instant, burst: &Burst<'_>) {
         if self.is_lost {
             return;
         }
@@ -223,10 +226,11 @@ impl Link for KernelLink {
                 continue;
             }
             let sent = match destination {
-                SocketAddr::V4(_) => self
-                    .sender
-                    .send(self.doorbell.socket(), *destination, burst),
-                SocketAddr::V6(_) => self.outlet.send(burst, *destination),
+                SocketAddr::V4(_) => {
+                    self.sender
+                        .send(now, self.doorbell.socket(), *destination, burst)
+                }
+                SocketAddr::V6(_) => self.outlet.send(now, burst, *destination),
             };
             if let Err(error) = sent {
                 log_send_error(*destination, burst.bytes.len(), &error);
@@ -235,16 +239,17 @@ impl Link for KernelLink {
     }
 
     fn receive(&mut self, now: Instant, wakeups: Wakeups, sink: &mut Sink<'_>) {
-        let mut bytes = 0;
-        let records = self.ring.drain(RECORDS_AT_ONCE, |record| {
-            bytes += record.len();
-            match record::parse(record) {
-                // Those addresses are for what comes out of channels.
-                Some((source, _)) if local::is_local(source.ip()) => {}
-                Some((source, messages)) => messages.for_each(|message| sink(source, message)),
-                None => tracing::warn!(len = record.len(), "a record of the ring is malformed"),
+        let (mut records, mut bytes) = (0, 0);
+        while records < RECORDS_AT_ONCE && bytes < BYTES_AT_ONCE {
+            let taken = self.ring.drain(1, |record| {
+                bytes += record.len();
+                take_record(record, sink);
+            });
+            if taken == 0 {
+                break;
             }
-        });
+            records += taken;
+        }
         let has_rung = wakeups.contains(DOORBELL);
         self.doorbell.took(records, bytes, has_rung);
         self.channels.receive(sink);
@@ -295,6 +300,15 @@ impl Link for KernelLink {
 
     /// Closing the socket says it all: rtpsd withdraws the endpoints of whoever is gone.
     fn shutdown(&mut self, _now: Instant) {}
+}
+
+fn take_record(record: &[u8], sink: &mut Sink<'_>) {
+    match record::parse(record) {
+        // Those addresses are for what comes out of channels.
+        Some((source, _)) if local::is_local(source.ip()) => {}
+        Some((source, messages)) => messages.for_each(|message| sink(source, message)),
+        None => tracing::warn!(len = record.len(), "a record of the ring is malformed"),
+    }
 }
 
 /// Whether the layer knows the app by the name that its endpoints have.

@@ -2,6 +2,7 @@
 
 use std::io;
 use std::net::{Ipv6Addr, SocketAddr, UdpSocket};
+use std::time::Instant;
 
 use crate::link::Burst;
 use crate::link::sender::Sender;
@@ -16,12 +17,17 @@ pub(super) struct Outlet {
 
 impl Outlet {
     /// Sends datagrams; an error where the host has no IPv6.
-    pub(super) fn send(&mut self, burst: &Burst<'_>, destination: SocketAddr) -> io::Result<()> {
+    pub(super) fn send(
+        &mut self,
+        now: Instant,
+        burst: &Burst<'_>,
+        destination: SocketAddr,
+    ) -> io::Result<()> {
         let socket = match &mut self.socket {
             Some(socket) => socket,
             none => none.insert(udp::bind((Ipv6Addr::UNSPECIFIED, 0).into())?),
         };
-        self.sender.send(socket, destination, burst)
+        self.sender.send(now, socket, destination, burst)
     }
 }
 
@@ -44,7 +50,7 @@ mod tests {
                 segment: text.len(),
                 dscp: 0,
             };
-            outlet.send(&burst, address).unwrap();
+            outlet.send(Instant::now(), &burst, address).unwrap();
             let mut buffer = [0; 8];
             let (len, _) = receiver.recv_from(&mut buffer).unwrap();
             assert_eq!(&buffer[..len], text);

@@ -40,6 +40,19 @@ fn keep_last_keeps_the_newest_of_each_instance() {
 }
 
 #[test]
+fn a_backlog_is_of_samples_that_stay() {
+    for (qos, expected) in [(reliable(), true), (keep_last(1000), false)] {
+        let mut bench = bench(qos);
+        (1..=255).for_each(|sequence| bench.sample(sequence, key(1), ALIVE, b"data"));
+        assert!(!bench.reader.has_backlog());
+        bench.sample(256, key(1), ALIVE, b"data");
+        assert_eq!(bench.reader.has_backlog(), expected);
+        bench.take();
+        assert!(!bench.reader.has_backlog());
+    }
+}
+
+#[test]
 fn news_do_not_push_out_data() {
     let mut bench = bench(keep_last(1));
     bench.sample(1, key(1), ALIVE, b"data");

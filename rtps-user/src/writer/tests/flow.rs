@@ -84,6 +84,22 @@ fn each_window_is_asked_for_four_times() {
 }
 
 #[test]
+fn who_writes_one_by_one_asks_once_in_a_window_and_when_it_is_full() {
+    let mut bench = with_window(Durability::Volatile);
+    let mut asked = Vec::new();
+    for n in 1..=100 {
+        bench.try_write().unwrap();
+        if heartbeats(&bench.lines()) > 0 {
+            asked.push(n);
+        }
+    }
+    assert_eq!(asked, [75, 100]);
+    bench.writer.config.qos.history = History::KeepLast(1);
+    bench.try_write().unwrap();
+    assert_eq!(heartbeats(&bench.lines()), 0, "nobody waits for room");
+}
+
+#[test]
 fn heartbeats_between_changes_leave_datagrams_alike() {
     let mut bench = with_window(Durability::Volatile);
     bench.write_all();
