@@ -17,6 +17,8 @@ const STREAM: u32 = 4;
 pub(super) const GAP: Duration = Duration::from_micros(20);
 /// For how long a sample of a stream waits: a stream writes hundreds of them in that time.
 const PAUSE: Duration = Duration::from_micros(100);
+/// How much longer at most the last samples of a stream wait, which the writer does not see to any more.
+const SLACK: Duration = Duration::from_micros(400);
 /// Payload that is enough to be sent.
 const ENOUGH: usize = 32 * 1024;
 /// What a sample takes beside its payload.
@@ -93,7 +95,11 @@ impl PatienceCell {
 pub(super) struct Batching {
     row: u32,
     last: Option<Instant>,
+    /// When the row began.
+    since: Option<Instant>,
     due: Option<Instant>,
+    /// Somebody has said how long samples may wait.
+    is_strict: bool,
     bytes: usize,
     room: u32,
     /// Something has come since the last write, which the next one may answer.
@@ -110,13 +116,18 @@ impl Batching {
         } else {
             0
         };
+        if !follows || self.since.is_none() {
+            self.since = Some(now);
+        }
         let wait = match self.row {
             ..STREAM => patience.budget,
             _ => patience.budget.max(PAUSE),
         };
         if self.due.is_none() {
             (self.bytes, self.room) = (0, u32::MAX);
+            self.is_strict = false;
         }
+        self.is_strict |= wait == patience.budget;
         self.bytes += len + OVERHEAD;
         self.room = self.room.min(patience.samples).saturating_sub(1);
         let due = self.due.map_or(now + wait, |due| due.min(now + wait));
@@ -126,7 +137,7 @@ impl Batching {
 
     /// The app does something else.
     pub(super) fn interrupt(&mut self) {
-        self.row = 0;
+        self.end_row();
         self.due = None;
     }
 
@@ -140,8 +151,13 @@ impl Batching {
 
     /// Something came that the app may answer.
     pub(super) fn expect_answer(&mut self) {
-        self.row = 0;
+        self.end_row();
         self.may_answer = true;
+    }
+
+    fn end_row(&mut self) {
+        self.row = 0;
+        self.since = None;
     }
 
     /// What waits was sent, or is to be sent now.
@@ -157,6 +173,17 @@ impl Batching {
     /// When what waits is to be sent; `None` when nothing waits.
     pub(super) fn due(&self) -> Option<Instant> {
         self.due
+    }
+
+    /// When somebody else than the writer is to see to what waits. The writer of a stream does so by itself as long as it
+    /// writes, so that the others look the later the longer that has been going on.
+    pub(super) fn relief(&self) -> Option<Instant> {
+        let age = self.last.zip(self.since).map(|(last, since)| last - since);
+        let slack = match age {
+            Some(age) if !self.is_strict => (age / 2).min(SLACK),
+            _ => Duration::ZERO,
+        };
+        self.due.map(|due| due + slack)
     }
 
     /// Whether something waits, and does so for longer.
@@ -242,6 +269,24 @@ mod tests {
             assert_eq!(write(&mut batching), 0);
         }
         assert_eq!(write(&mut batching), 1);
+    }
+
+    #[test]
+    fn the_longer_a_stream_the_later_others_see_to_it() {
+        let slack = |budget, count| {
+            let (mut batching, mut now) = (Batching::default(), Instant::now());
+            for _ in 0..count {
+                now += Duration::from_micros(1);
+                if !batching.holds(now, 10, patience(budget, History::KeepAll)) {
+                    batching.sent();
+                }
+            }
+            let due = batching.due().unwrap();
+            (batching.relief().unwrap() - due).as_micros()
+        };
+        assert_eq!(slack(0, 61), 30);
+        assert_eq!(slack(0, 10_000), 400);
+        assert_eq!(slack(500, 10_000), 0, "a budget is a promise");
     }
 
     #[test]

@@ -276,6 +276,11 @@ impl Core {
         self.batching.holds(now, len, patience)
     }
 
+    /// The app has written after it had to wait: where it did nothing but write before, it still does.
+    pub(crate) fn resume_stream(&mut self, now: Instant) {
+        self.batching.wrote(|| now);
+    }
+
     /// Takes in what has arrived and follows up on it; gives the number of datagrams.
     pub(crate) fn receive(&mut self, now: Instant, wakeups: Wakeups) -> usize {
         self.received = Some(now);
@@ -398,8 +403,9 @@ impl Core {
     /// Gets ready for the short sleep after which what is held back is to be sent: until then whoever writes takes in
     /// what arrives, and need not be helped. `None`: nothing is held back.
     pub(super) fn prepare_nap(&mut self, now: Instant) -> Option<Option<Duration>> {
-        self.batching.due()?;
-        let end = self.poll_timeout()?;
+        let relief = self.batching.relief()?;
+        let timeouts = [self.endpoints.poll_timeout(), self.link.poll_timeout()];
+        let end = timeouts.into_iter().flatten().fold(relief, Instant::min);
         self.seat.sleeps_until = Some(Sleep::Until(end));
         self.seat.naps = true;
         Some(Some(end.saturating_duration_since(now)))

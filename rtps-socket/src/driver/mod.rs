@@ -204,7 +204,7 @@ impl Shared {
             self.prepare_external_sleep(&mut core);
         } else if core.seat.sleeps()
             && (core.seat.sleeps_beyond(core.poll_timeout())
-                || core.seat.sleeps_through(core.batching.due()))
+                || core.seat.sleeps_through(core.batching.relief()))
         {
             core.seat.sleeps_until = None;
             signal(&self.interrupt);

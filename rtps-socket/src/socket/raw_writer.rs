@@ -140,7 +140,10 @@ impl RawWriter {
                     unsent = Some(refused.change);
                     None
                 }
-                written => Some(written.map_err(|refused| refused.error)),
+                written => {
+                    core.resume_stream(now);
+                    Some(written.map_err(|refused| refused.error))
+                }
             }
         });
         written
