@@ -92,7 +92,7 @@ impl Tally {
                 "--no-fail-fast",
                 "--",
                 "--nocapture",
-                "--test-threads=2",
+                "--test-threads=3",
             ])
             .stdout(Stdio::piped())
             .spawn()
