@@ -13,9 +13,9 @@ use crate::{
     sys::{Overwrite, Packet, Repeat, repeat},
 };
 
-/// Turns the datagram whose UDP header is at `udp` into the doorbell of the app with this port. It stays whole: the app
-/// does not read it, and a shorter one would cost more work here than it saves there. Its UDP checksum is left out, as
-/// IPv4 allows: frames of a local veth peer do not have a complete one.
+/// Turns the datagram whose UDP header is at `udp` into the doorbell of the app with this port. The app does not read
+/// it; it is not cut here, which would cost more work than it saves there (a burst is, for other reasons, before this).
+/// Its UDP checksum is left out, as IPv4 allows: frames of a local veth peer do not have a complete one.
 #[inline(always)]
 pub(crate) fn ring(packet: &impl Overwrite, udp: u32, port: u16) -> Result<(), ()> {
     packet.store_u16(udp + UDP_DESTINATION, port)?;
