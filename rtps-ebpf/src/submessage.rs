@@ -428,11 +428,7 @@ impl Submessage {
 
     #[inline(always)]
     pub(crate) const fn u16(&self, bytes: [u8; 2]) -> u16 {
-        if self.has(flag::LITTLE_ENDIAN) {
-            u16::from_le_bytes(bytes)
-        } else {
-            u16::from_be_bytes(bytes)
-        }
+        u16_by(self.flags, bytes)
     }
 
     #[inline(always)]
@@ -457,13 +453,19 @@ impl Submessage {
 #[inline(always)]
 fn is_timestamp<const N: usize>(bytes: &[u8; N]) -> bool {
     let [id, flags, a, b]: [u8; 4] = part(bytes, 0);
-    let len = match flags & flag::LITTLE_ENDIAN {
-        0 => u16::from_be_bytes([a, b]),
-        _ => u16::from_le_bytes([a, b]),
-    };
     id == id::INFO_TS
         && flags & flag::INVALIDATE == 0
-        && usize::from(len) == INFO_TS - HEADER_LEN as usize
+        && usize::from(u16_by(flags, [a, b])) == INFO_TS - HEADER_LEN as usize
+}
+
+/// A number in the byte order that a submessage's flags say.
+#[inline(always)]
+const fn u16_by(flags: u8, bytes: [u8; 2]) -> u16 {
+    if flags & flag::LITTLE_ENDIAN != 0 {
+        u16::from_le_bytes(bytes)
+    } else {
+        u16::from_be_bytes(bytes)
+    }
 }
 
 /// `M` of `N` bytes; `at` is a constant in every call and within bounds.

@@ -15,7 +15,7 @@ use crate::{
     deliver::{Delivery, ring},
     maps::{self, Counters, Scratch},
     message,
-    sys::{LinkBuffer, Repeat, repeat},
+    sys::{LinkBuffer, Overwrite as _, Repeat, repeat},
 };
 
 /// UDP_MAX_SEGMENTS, the most that the kernel puts into one.
@@ -156,7 +156,7 @@ fn redirect(buffer: &LinkBuffer, scratch: &Scratch, port: u16) -> Result<(), ()>
 #[inline(always)]
 fn empty(buffer: &LinkBuffer, datagram: &Datagram) -> Result<(), ()> {
     buffer.resize(datagram.udp + UDP_LEN)?;
-    buffer.store(datagram.udp + UDP_LENGTH, &(UDP_LEN as u16).to_be_bytes())?;
+    buffer.store_u16(datagram.udp + UDP_LENGTH, UDP_LEN as u16)?;
     let len = (datagram.udp + UDP_LEN - datagram.ip) as u16;
     let (length, checksum) = (datagram.ip + IPV4_LENGTH, datagram.ip + IPV4_CHECKSUM);
     buffer.store_ipv4(length, &len.to_be_bytes(), checksum)

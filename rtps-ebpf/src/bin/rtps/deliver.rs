@@ -10,12 +10,12 @@ use rtps_ebpf::{
 
 use crate::{
     maps::{self, Counters, Ring, Scratch},
-    sys::{Overwrite, Packet, Repeat, repeat},
+    sys::{Message, Overwrite, Packet, Repeat, repeat},
 };
 
-/// Turns the datagram whose UDP header is at `udp` into the doorbell of the app with this port. It stays whole: the app
-/// does not read it, and a shorter one would cost more work here than it saves there. Its UDP checksum is left out, as
-/// IPv4 allows: frames of a local veth peer do not have a complete one.
+/// Turns the datagram whose UDP header is at `udp` into the doorbell of the app with this port. The app does not read
+/// it; it is not cut here, which would cost more work than it saves there (a burst is, for other reasons, before this).
+/// Its UDP checksum is left out, as IPv4 allows: frames of a local veth peer do not have a complete one.
 #[inline(always)]
 pub(crate) fn ring(packet: &impl Overwrite, udp: u32, port: u16) -> Result<(), ()> {
     packet.store_u16(udp + UDP_DESTINATION, port)?;
@@ -23,15 +23,15 @@ pub(crate) fn ring(packet: &impl Overwrite, udp: u32, port: u16) -> Result<(), (
 }
 
 /// What a hook wants delivered; `scratch` holds the record's header and the apps.
-pub(crate) struct Delivery<'a, M> {
-    pub(crate) message: &'a M,
+pub(crate) struct Delivery<'a, P> {
+    pub(crate) message: &'a Message<P>,
     pub(crate) scratch: &'a mut Scratch,
     pub(crate) counters: Counters,
     /// Whether the datagram itself may serve as the doorbell of one app.
     pub(crate) doorbell_by_packet: bool,
 }
 
-impl<M: Packet> Delivery<'_, M> {
+impl<P: Packet> Delivery<'_, P> {
     /// Delivers, and returns the port of the app that the datagram itself has to wake, if any.
     #[inline(never)]
     pub(crate) fn run(&mut self) -> Option<u16> {
@@ -46,7 +46,7 @@ impl<M: Packet> Delivery<'_, M> {
     }
 }
 
-impl<M: Packet> Repeat for Delivery<'_, M> {
+impl<P: Packet> Repeat for Delivery<'_, P> {
     #[inline(always)]
     fn turn(&mut self) -> ControlFlow<()> {
         let Some(slot) = self.scratch.targets.pop() else {
@@ -57,7 +57,7 @@ impl<M: Packet> Repeat for Delivery<'_, M> {
     }
 }
 
-impl<M: Packet> Delivery<'_, M> {
+impl<P: Packet> Delivery<'_, P> {
     #[inline(always)]
     fn deliver_to(&mut self, slot: u32) {
         let header = &self.scratch.header;

@@ -17,7 +17,7 @@ use rtps_ebpf::{
 
 use crate::{
     maps::{self, Counters, DomainWorld, Progress, Ring, Scratch},
-    sys::{Packet, Repeat, repeat},
+    sys::{Message, Packet, Repeat, repeat},
 };
 
 /// What takes an answer to its destination.
@@ -30,14 +30,14 @@ pub(crate) trait Voice {
 ///
 /// What is looked up is looked up where it is needed, and not before the message is gone through: the
 /// verifier would follow that once for each thing that may or may not be there.
-pub(crate) struct Conversation<'a, M> {
-    pub(crate) message: &'a M,
+pub(crate) struct Conversation<'a, P> {
+    pub(crate) message: &'a Message<P>,
     pub(crate) scratch: &'a mut Scratch,
     pub(crate) exchange: &'a mut Exchange,
     pub(crate) domain: &'static Domain,
 }
 
-impl<M: Packet> Conversation<'_, M> {
+impl<P: Packet> Conversation<'_, P> {
     /// Goes through the message, and tells rtpsd what it has to know; says whether there is something to
     /// answer. Fails when nothing of the message counts; else it is to be [`commit`](Self::commit)ted.
     #[inline(never)]
@@ -161,13 +161,13 @@ impl<M: Packet> Conversation<'_, M> {
     }
 }
 
-struct Listening<'a, M> {
+struct Listening<'a, P> {
     exchange: &'a mut Exchange,
-    message: &'a M,
+    message: &'a Message<P>,
     world: DomainWorld,
 }
 
-impl<M: Packet> Repeat for Listening<'_, M> {
+impl<P: Packet> Repeat for Listening<'_, P> {
     #[inline(always)]
     fn turn(&mut self) -> ControlFlow<()> {
         self.exchange.step(self.message, &self.world)

@@ -22,7 +22,7 @@ use crate::{
     exchange::{Conversation, Voice},
     maps::{self, Counters, Lookup, Scratch},
     message::examine,
-    sys::{BufferMessage, LinkBuffer, now_ns},
+    sys::{LinkBuffer, Message, Packet, now_ns},
 };
 
 /// What becomes of a frame.
@@ -202,7 +202,7 @@ fn converse(buffer: &LinkBuffer, scratch: &mut Scratch) -> Verdict {
 }
 
 #[inline(always)]
-fn message(buffer: &LinkBuffer, scratch: &Scratch) -> BufferMessage {
+fn message(buffer: &LinkBuffer, scratch: &Scratch) -> Message<impl Packet + use<>> {
     buffer.message(scratch.datagram.udp + UDP_LEN, scratch.header.message_len)
 }
 

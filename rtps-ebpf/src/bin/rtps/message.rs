@@ -10,7 +10,7 @@ use rtps_ebpf::{
 
 use crate::{
     maps::{self, Scratch},
-    sys::{Packet, Repeat, repeat},
+    sys::{Message, Packet, Repeat, repeat},
 };
 
 /// Walks a message, renews the participant that sent it, and says whether it concerns built-in
@@ -20,8 +20,8 @@ use crate::{
 /// Like the other large steps it is a function of its own, so that not all of them together need
 /// room on the stack.
 #[inline(never)]
-pub(crate) fn examine<M: Packet>(
-    message: &M,
+pub(crate) fn examine<P: Packet>(
+    message: &Message<P>,
     scratch: &mut Scratch,
     domain: &Domain,
 ) -> Result<bool, Counter> {
@@ -38,7 +38,7 @@ pub(crate) fn begin(scratch: &mut Scratch, domain: &Domain) {
 
 /// Walks one of the messages.
 #[inline(always)]
-pub(crate) fn walk<M: Packet>(message: &M, scratch: &mut Scratch) {
+pub(crate) fn walk<P: Packet>(message: &Message<P>, scratch: &mut Scratch) {
     // Assumes the worst until a turn knows better.
     scratch.malformed = Some(Reason::TooManySubmessages);
     repeat(MAX_STEPS, &mut Walking { scratch, message });
@@ -56,12 +56,12 @@ pub(crate) fn conclude(scratch: &mut Scratch) -> Result<bool, Counter> {
     Ok(built_in)
 }
 
-struct Walking<'a, M> {
+struct Walking<'a, P> {
     scratch: &'a mut Scratch,
-    message: &'a M,
+    message: &'a Message<P>,
 }
 
-impl<M: Packet> Repeat for Walking<'_, M> {
+impl<P: Packet> Repeat for Walking<'_, P> {
     #[inline(always)]
     fn turn(&mut self) -> ControlFlow<()> {
         let scratch = &mut *self.scratch;

@@ -3,6 +3,7 @@
 mod buffer;
 mod egress;
 mod frame;
+mod message;
 
 use core::{
     ffi::c_void,
@@ -15,19 +16,11 @@ use aya_ebpf::{
     check_bounds_signed,
     helpers::{bpf_csum_diff, bpf_ktime_get_ns, bpf_loop, generated::bpf_probe_read_kernel},
 };
-use rtps_ebpf::{Bytes, reply::fold};
+use rtps_ebpf::reply::fold;
 
-pub(crate) use buffer::{BufferMessage, LinkBuffer, SocketBuffer};
+pub(crate) use buffer::{LinkBuffer, SocketBuffer};
 pub(crate) use frame::Frame;
-
-/// Bytes that can be copied to where a helper may write.
-pub(crate) trait Packet: Bytes {
-    /// Copies the first `len` bytes, which must be at least 1 and at most `limit`, to `to`.
-    ///
-    /// # Safety
-    /// `to` must be valid for writes of `limit` bytes.
-    unsafe fn copy(&self, to: *mut u8, len: u32, limit: usize) -> Result<(), ()>;
-}
+pub(crate) use message::{Message, Packet};
 
 /// A packet that can be changed in place.
 pub(crate) trait Overwrite {
@@ -35,10 +28,10 @@ pub(crate) trait Overwrite {
     fn store_u16(&self, offset: u32, value: u16) -> Result<(), ()>;
 }
 
-/// Whether `count` bytes at `offset` lie within `len`.
+/// What a helper's result says.
 #[inline(always)]
-fn fits(offset: u32, count: usize, len: u32) -> bool {
-    u64::from(offset) + count as u64 <= u64::from(len)
+const fn succeed(result: i64) -> Result<(), ()> {
+    if result == 0 { Ok(()) } else { Err(()) }
 }
 
 /// A loop's state and body.

@@ -10,7 +10,7 @@ use aya_ebpf::{
 };
 use rtps_ebpf::abi::{self, RecordHeader};
 
-use crate::sys::Packet;
+use crate::sys::{Message, Packet};
 
 /// The sizes of records; the verifier wants each reservation to be a constant.
 const S0: usize = abi::RECORD_SIZES[0];
@@ -57,7 +57,11 @@ impl Ring {
 
     /// Writes a record into the smallest size that holds it; fails when the ring is full.
     #[inline(always)]
-    pub(crate) fn write(self, header: &RecordHeader, message: &impl Packet) -> Result<(), ()> {
+    pub(crate) fn write(
+        self,
+        header: &RecordHeader,
+        message: &Message<impl Packet>,
+    ) -> Result<(), ()> {
         let len = header.message_len as usize + size_of::<RecordHeader>();
         match len {
             0..=S0 => self.write_sized::<S0>(header, message),
@@ -74,7 +78,7 @@ impl Ring {
     fn write_sized<const SIZE: usize>(
         self,
         header: &RecordHeader,
-        message: &impl Packet,
+        message: &Message<impl Packet>,
     ) -> Result<(), ()> {
         // SAFETY: the helper takes a ring's map, or the inner map that the outer one returned.
         let record = unsafe { bpf_ringbuf_reserve(self.map, SIZE as u64, 0) };

@@ -1,7 +1,7 @@
 //! Socket buffers: datagrams at a UDP socket, and frames at the tc hook, which can be turned into
 //! answers.
 
-use core::mem::MaybeUninit;
+use core::{ffi::c_void, mem::MaybeUninit};
 
 use aya_ebpf::{
     EbpfContext as _,
@@ -15,7 +15,11 @@ use aya_ebpf::{
 };
 use rtps_ebpf::{Bytes, frame::UDP_LEN};
 
-use super::{Overwrite, Packet, fits};
+use super::{
+    Overwrite,
+    message::{self, Message, Packet},
+    succeed,
+};
 
 /// `PACKET_HOST` of linux/if_packet.h: addressed to this host's interface.
 const PACKET_HOST: u32 = 0;
@@ -73,12 +77,8 @@ impl SocketBuffer {
 
     /// The payload: an RTPS message.
     #[inline(always)]
-    pub(crate) fn message(&self) -> BufferMessage {
-        BufferMessage {
-            context: self.context,
-            start: UDP_LEN,
-            len: self.len.saturating_sub(UDP_LEN),
-        }
+    pub(crate) fn message(&self) -> Message<*mut __sk_buff> {
+        Message::new(self.context, UDP_LEN, self.len.saturating_sub(UDP_LEN))
     }
 }
 
@@ -90,7 +90,7 @@ impl Bytes for SocketBuffer {
 
     #[inline(always)]
     fn load<const N: usize>(&self, offset: u32) -> Option<[u8; N]> {
-        load_buffer(self.context, offset)
+        message::load(self.context, offset)
     }
 }
 
@@ -144,12 +144,8 @@ impl LinkBuffer {
 
     /// The part of the frame that holds an RTPS message.
     #[inline(always)]
-    pub(crate) fn message(&self, start: u32, len: u32) -> BufferMessage {
-        BufferMessage {
-            context: self.context,
-            start,
-            len,
-        }
+    pub(crate) fn message(&self, start: u32, len: u32) -> Message<*mut __sk_buff> {
+        Message::new(self.context, start, len)
     }
 
     /// Copies the whole frame; fails when it is longer than `to`.
@@ -198,7 +194,7 @@ impl LinkBuffer {
     /// Overwrites a two-byte field of the IPv4 header, which `checksum` covers.
     #[inline(always)]
     pub(crate) fn store_ipv4(&self, offset: u32, bytes: &[u8; 2], checksum: u32) -> Result<(), ()> {
-        let before = load_buffer::<2>(self.context, offset).ok_or(())?;
+        let before = message::load::<2>(self.context, offset).ok_or(())?;
         let [from, to] = [before, *bytes].map(|bytes| u16::from_ne_bytes(bytes).into());
         // SAFETY: the context is the program's own; the helper checks the offset.
         succeed(unsafe { bpf_l3_csum_replace(self.context, checksum, from, to, 2) })?;
@@ -210,11 +206,11 @@ impl LinkBuffer {
     #[inline(always)]
     pub(crate) fn completes_checksum(&self, offset: u32) -> bool {
         const TWO_BYTES: u64 = 2;
-        let before = load_buffer::<2>(self.context, offset);
+        let before = message::load::<2>(self.context, offset);
         // An incomplete checksum does not cover the data yet, so that the helper leaves it as it is.
         // SAFETY: the context is the program's own; the helper checks the offset.
         let added = unsafe { bpf_l4_csum_replace(self.context, offset, 0, 1, TWO_BYTES) };
-        added == 0 && before == load_buffer::<2>(self.context, offset)
+        added == 0 && before == message::load::<2>(self.context, offset)
     }
 
     /// Sends a copy of the frame as it is now out of an interface.
@@ -240,58 +236,14 @@ impl Bytes for LinkBuffer {
 
     #[inline(always)]
     fn load<const N: usize>(&self, offset: u32) -> Option<[u8; N]> {
-        load_buffer(self.context, offset)
+        message::load(self.context, offset)
     }
 }
 
-/// An RTPS message in a socket buffer.
-pub(crate) struct BufferMessage {
-    context: *mut __sk_buff,
-    start: u32,
-    len: u32,
-}
-
-impl Bytes for BufferMessage {
+impl Packet for *mut __sk_buff {
     #[inline(always)]
-    fn len(&self) -> u32 {
-        self.len
+    unsafe fn read(self, offset: u32, to: *mut c_void, len: u32) -> i64 {
+        // SAFETY: as the caller vouches.
+        unsafe { bpf_skb_load_bytes(self.cast(), offset, to, len) }
     }
-
-    #[inline(always)]
-    fn load<const N: usize>(&self, offset: u32) -> Option<[u8; N]> {
-        if !fits(offset, N, self.len) {
-            return None;
-        }
-        load_buffer(self.context, self.start + offset)
-    }
-}
-
-impl Packet for BufferMessage {
-    #[inline(always)]
-    unsafe fn copy(&self, to: *mut u8, len: u32, limit: usize) -> Result<(), ()> {
-        if !check_bounds_signed(i64::from(len), 1, limit as i64) {
-            return Err(());
-        }
-        // SAFETY: `len` is at most `limit`, for which the caller vouches.
-        match unsafe { bpf_skb_load_bytes(self.context.cast(), self.start, to.cast(), len) } {
-            0 => Ok(()),
-            _ => Err(()),
-        }
-    }
-}
-
-#[inline(always)]
-fn load_buffer<const N: usize>(context: *mut __sk_buff, offset: u32) -> Option<[u8; N]> {
-    let mut bytes = MaybeUninit::<[u8; N]>::uninit();
-    let to = bytes.as_mut_ptr().cast();
-    // SAFETY: the helper writes all `N` bytes, or fails, which is asked first.
-    unsafe {
-        let result = bpf_skb_load_bytes(context.cast(), offset, to, N as u32);
-        (result == 0).then(|| bytes.assume_init())
-    }
-}
-
-#[inline(always)]
-pub(super) const fn succeed(result: i64) -> Result<(), ()> {
-    if result == 0 { Ok(()) } else { Err(()) }
 }

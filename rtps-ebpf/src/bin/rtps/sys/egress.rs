@@ -13,7 +13,7 @@ use rtps_ebpf::{
     frame::{IPV4_CHECKSUM, IPV4_SOURCE, UDP_CHECKSUM, UDP_DESTINATION},
 };
 
-use super::buffer::{LinkBuffer, succeed};
+use super::{buffer::LinkBuffer, succeed};
 
 const ETHERTYPE_IPV4: u16 = 0x0800;
 const TWO_BYTES: u64 = 2;

@@ -1,16 +1,19 @@
 //! Frames at the XDP hook.
 
-use core::mem::MaybeUninit;
+use core::ffi::c_void;
 
 use aya_ebpf::{
     bindings::xdp_md,
-    check_bounds_signed,
     helpers::{bpf_xdp_get_buff_len, bpf_xdp_load_bytes, bpf_xdp_store_bytes},
     programs::XdpContext,
 };
 use rtps_ebpf::Bytes;
 
-use super::{Overwrite, Packet, fits};
+use super::{
+    Overwrite,
+    message::{self, Message, Packet},
+    succeed,
+};
 
 /// An Ethernet frame at the XDP hook.
 pub(crate) struct Frame {
@@ -37,12 +40,8 @@ impl Frame {
 
     /// The part of the frame that holds an RTPS message.
     #[inline(always)]
-    pub(crate) fn message(&self, start: u32, len: u32) -> FrameMessage {
-        FrameMessage {
-            context: self.context,
-            start,
-            len,
-        }
+    pub(crate) fn message(&self, start: u32, len: u32) -> Message<*mut xdp_md> {
+        Message::new(self.context, start, len)
     }
 }
 
@@ -51,10 +50,7 @@ impl Overwrite for Frame {
     fn store_u16(&self, offset: u32, value: u16) -> Result<(), ()> {
         let mut bytes = value.to_be_bytes();
         // SAFETY: the helper reads the two bytes that it is given.
-        match unsafe { bpf_xdp_store_bytes(self.context, offset, (&raw mut bytes).cast(), 2) } {
-            0 => Ok(()),
-            _ => Err(()),
-        }
+        succeed(unsafe { bpf_xdp_store_bytes(self.context, offset, (&raw mut bytes).cast(), 2) })
     }
 }
 
@@ -66,53 +62,14 @@ impl Bytes for Frame {
 
     #[inline(always)]
     fn load<const N: usize>(&self, offset: u32) -> Option<[u8; N]> {
-        load_frame(self.context, offset)
+        message::load(self.context, offset)
     }
 }
 
-/// An RTPS message in a frame.
-pub(crate) struct FrameMessage {
-    context: *mut xdp_md,
-    start: u32,
-    len: u32,
-}
-
-impl Bytes for FrameMessage {
+impl Packet for *mut xdp_md {
     #[inline(always)]
-    fn len(&self) -> u32 {
-        self.len
-    }
-
-    #[inline(always)]
-    fn load<const N: usize>(&self, offset: u32) -> Option<[u8; N]> {
-        if !fits(offset, N, self.len) {
-            return None;
-        }
-        load_frame(self.context, self.start + offset)
-    }
-}
-
-impl Packet for FrameMessage {
-    #[inline(always)]
-    unsafe fn copy(&self, to: *mut u8, len: u32, limit: usize) -> Result<(), ()> {
-        if !check_bounds_signed(i64::from(len), 1, limit as i64) {
-            return Err(());
-        }
-        // SAFETY: `len` is at most `limit`, for which the caller vouches.
-        match unsafe { bpf_xdp_load_bytes(self.context, self.start, to.cast(), len) } {
-            0 => Ok(()),
-            _ => Err(()),
-        }
-    }
-}
-
-#[inline(always)]
-fn load_frame<const N: usize>(context: *mut xdp_md, offset: u32) -> Option<[u8; N]> {
-    let mut bytes = MaybeUninit::<[u8; N]>::uninit();
-    let to = bytes.as_mut_ptr().cast();
-    // SAFETY: the helper writes all `N` bytes, or fails, which is asked first.
-    unsafe {
-        let result = bpf_xdp_load_bytes(context, offset, to, N as u32);
-        (result == 0).then(|| bytes.assume_init())
+    unsafe fn read(self, offset: u32, to: *mut c_void, len: u32) -> i64 {
+        // SAFETY: as the caller vouches.
+        unsafe { bpf_xdp_load_bytes(self, offset, to, len) }
     }
 }

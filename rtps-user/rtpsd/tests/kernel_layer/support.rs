@@ -20,9 +20,11 @@ use nix::sys::socket::{
 };
 use nix::unistd::{Pid, geteuid};
 use rtps_user::layer::protocol::{
-    CHANNEL_DESCRIPTORS, FromLayer, Hello, LAYER_PROTOCOL_VERSION, Resume, ToLayer,
+    CHANNEL_DESCRIPTORS, Endpoint, FromLayer, Hello, LAYER_PROTOCOL_VERSION, Resume, ToLayer,
+    Welcome,
 };
-use rtps_user::wire::Guid;
+use rtps_user::qos::Qos;
+use rtps_user::wire::{EntityId, Guid};
 use rtpsd::{PinFolder, RunFolder, Status};
 
 /// A network namespace of this test; gone at the end of it.
@@ -314,4 +316,25 @@ pub(crate) fn hello(domain: u32, resume: Option<Resume>) -> Hello {
         ring_bytes: 0,
         resume,
     }
+}
+
+/// What an app is told that is taken in.
+pub(crate) fn welcome(message: FromLayer) -> Welcome {
+    match message {
+        FromLayer::Welcome(welcome) => welcome,
+        other => panic!("no welcome but {other:?}"),
+    }
+}
+
+/// Declares an endpoint of the one topic of these tests.
+pub(crate) fn declaration(entity: EntityId) -> ToLayer {
+    ToLayer::Declare(Box::new(Endpoint {
+        entity,
+        topic: "topic".into(),
+        type_name: "type".into(),
+        type_information: Vec::new(),
+        type_objects: Vec::new(),
+        content_filter: None,
+        qos: Qos::default(),
+    }))
 }
