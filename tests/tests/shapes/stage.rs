@@ -1,4 +1,4 @@
-//! Where a scenario plays: two hosts joined by a link, each with the same layer of ours.
+//! Where a scenario plays: two hosts joined by a link, with a layer of ours on both or on the first.
 
 use std::process::Command;
 
@@ -28,12 +28,6 @@ impl Stage {
         Ok(Self { hosts })
     }
 
-    /// For programs that cannot do with it.
-    pub(crate) fn disable_ipv6(&self) -> Result<()> {
-        let mut hosts = self.hosts.iter();
-        hosts.try_for_each(|host| host.netns.disable_ipv6())
-    }
-
     /// Starts the layer of both hosts.
     pub(crate) fn with(&self, layer: Layer) -> Result<Ends<'_>> {
         let [near, far] = &self.hosts;
@@ -56,6 +50,14 @@ impl Stage {
             partition: None,
             _daemons: [start(near, layer)?, None],
         })
+    }
+
+    /// As [`Stage::with_near`], for programs that cannot do with IPv6.
+    pub(crate) fn with_near_over_ipv4(&self, layer: Layer) -> Result<Ends<'_>> {
+        for host in &self.hosts {
+            host.netns.disable_ipv6()?;
+        }
+        self.with_near(layer)
     }
 }
 
@@ -154,10 +156,11 @@ fn spawn(mut command: Command) -> Result<Process> {
     Process::spawn(&format!("{PROGRAM} {}", arguments.join(" ")), &mut command)
 }
 
-/// Makes two tests of each scenario: `NAME::kernel` and `NAME::in_process`.
+/// Makes two tests of each scenario: `NAME::kernel` and `NAME::in_process`. The layer is that of both hosts, as
+/// [`Stage::with`] starts it, unless the scenario names another method of [`Stage`] in parentheses.
 macro_rules! on_both_layers {
-    ($($scenario:ident),+ $(,)?) => {
-        $(crate::stage::tests! { $scenario: kernel(Kernel), in_process(InProcess) })+
+    ($($scenario:ident $(($with:ident))?),+ $(,)?) => {
+        $(crate::stage::tests! { $scenario $(($with))?: kernel(Kernel), in_process(InProcess) })+
     };
 }
 pub(crate) use on_both_layers;
@@ -173,13 +176,16 @@ pub(crate) use on_the_in_process_layer;
 /// The module of a scenario.
 macro_rules! tests {
     ($scenario:ident: $($name:ident($layer:ident)),+) => {
+        crate::stage::tests! { $scenario(with): $($name($layer)),+ }
+    };
+    ($scenario:ident($with:ident): $($name:ident($layer:ident)),+) => {
         mod $scenario {
             $(
                 #[test]
                 fn $name() -> anyhow::Result<()> {
                     rtps_tests::skip_unless!(rtps_tests::require::root());
                     let stage = crate::stage::Stage::new(stringify!($scenario))?;
-                    super::$scenario(&stage.with(rtps_tests::layer::Layer::$layer)?)
+                    super::$scenario(&stage.$with(rtps_tests::layer::Layer::$layer)?)
                 }
             )+
         }

@@ -12,16 +12,14 @@ use serde_json::Value;
 
 use crate::busy::Busy;
 use crate::lines::{self, wait_line};
-use crate::stage::{Ends, Stage};
+use crate::stage::{Ends, Stage, on_both_layers};
 
-#[test]
-fn cyclone_on_the_kernel_layer() -> Result<()> {
-    meet_cyclone(Layer::Kernel)
-}
-
-#[test]
-fn cyclone_on_the_in_process_layer() -> Result<()> {
-    meet_cyclone(Layer::InProcess)
+on_both_layers! {
+    cyclone(with_near),
+    fast_dds(with_near),
+    rust_dds(with_near),
+    // An IPv6 locator makes it end with a panic.
+    dust_dds(with_near_over_ipv4),
 }
 
 /// What is late is complete all the same.
@@ -37,40 +35,8 @@ fn cyclone_while_all_cpus_are_busy() -> Result<()> {
     meeting.best_effort()
 }
 
-#[test]
-fn fast_dds_on_the_kernel_layer() -> Result<()> {
-    meet_fast_dds(Layer::Kernel)
-}
-
-#[test]
-fn fast_dds_on_the_in_process_layer() -> Result<()> {
-    meet_fast_dds(Layer::InProcess)
-}
-
-#[test]
-fn rust_dds_on_the_kernel_layer() -> Result<()> {
-    meet_rust_dds(Layer::Kernel)
-}
-
-#[test]
-fn rust_dds_on_the_in_process_layer() -> Result<()> {
-    meet_rust_dds(Layer::InProcess)
-}
-
-#[test]
-fn dust_dds_on_the_kernel_layer() -> Result<()> {
-    meet_dust_dds(Layer::Kernel)
-}
-
-#[test]
-fn dust_dds_on_the_in_process_layer() -> Result<()> {
-    meet_dust_dds(Layer::InProcess)
-}
-
-fn meet_cyclone(layer: Layer) -> Result<()> {
-    skip_unless!(require::root());
-    let (stage, peer) = (Stage::new("shapes-cyclone")?, peers::cyclone()?);
-    let ends = &stage.with_near(layer)?;
+fn cyclone(ends: &Ends<'_>) -> Result<()> {
+    let peer = peers::cyclone()?;
     let meeting = Meeting { ends, peer };
     meeting.play()?;
     meeting.misfits_to_peer()?;
@@ -83,20 +49,16 @@ fn meet_cyclone(layer: Layer) -> Result<()> {
 }
 
 /// It knows XCDR1 only.
-fn meet_fast_dds(layer: Layer) -> Result<()> {
-    skip_unless!(require::root());
-    let (stage, peer) = (Stage::new("shapes-fastdds")?, peers::fast_dds()?);
-    let ends = &stage.with_near(layer)?;
+fn fast_dds(ends: &Ends<'_>) -> Result<()> {
+    let peer = peers::fast_dds()?;
     let meeting = Meeting { ends, peer };
     meeting.play()?;
     meeting.misfits_to_peer()
 }
 
 /// It knows XCDR1 only, and neither unregistering nor PARTITION.
-fn meet_rust_dds(layer: Layer) -> Result<()> {
-    skip_unless!(require::root());
-    let (stage, peer) = (Stage::new("shapes-rustdds")?, peers::rust_dds()?);
-    let ends = &stage.with_near(layer)?;
+fn rust_dds(ends: &Ends<'_>) -> Result<()> {
+    let peer = peers::rust_dds()?;
     let meeting = Meeting { ends, peer };
     meeting.instances_to_peer(1, DISPOSED)?;
     meeting.instances_from_peer(1, DISPOSED)?;
@@ -106,12 +68,8 @@ fn meet_rust_dds(layer: Layer) -> Result<()> {
     meeting.misfits_from_peer(&[])
 }
 
-fn meet_dust_dds(layer: Layer) -> Result<()> {
-    skip_unless!(require::root());
-    let (stage, peer) = (Stage::new("shapes-dustdds")?, peers::dust_dds()?);
-    // An IPv6 locator makes it end with a panic.
-    stage.disable_ipv6()?;
-    let ends = &stage.with_near(layer)?;
+fn dust_dds(ends: &Ends<'_>) -> Result<()> {
+    let peer = peers::dust_dds()?;
     let meeting = Meeting { ends, peer };
     meeting.play()?;
     meeting.misfits_to_peer()?;
