@@ -196,8 +196,7 @@ impl Shared {
     fn take_seat(&self, core: &mut Core, now: Instant) -> bool {
         match core.seat.holder {
             Holder::Foreground => return false,
-            // It sleeps, and would compete for what arrives.
-            Holder::Background => signal(&self.dismissal),
+            Holder::Background => self.dismiss_background(core),
             Holder::Nobody => {}
         }
         core.seat.holder = Holder::Foreground;
@@ -210,9 +209,15 @@ impl Shared {
     fn send_background_away(&self, core: &mut Core) {
         self.waits.fetch_add(1, Ordering::Relaxed);
         if core.seat.holder == Holder::Background {
-            signal(&self.dismissal);
-            core.seat.holder = Holder::Nobody;
+            self.dismiss_background(core);
         }
+    }
+
+    /// Takes the seat from the background thread. It sleeps, would compete for what arrives, and has asked to be woken.
+    fn dismiss_background(&self, core: &mut Core) {
+        signal(&self.dismissal);
+        core.awake();
+        core.seat.holder = Holder::Nobody;
     }
 
     pub(super) fn sleep_in_seat<'a>(
