@@ -89,6 +89,8 @@ fn tshark(
 ) -> Result<String> {
     let output = Command::new("tshark")
         .args(["-r".as_ref(), file.path.as_os_str()])
+        // A port that the system chose may be the one of another protocol.
+        .args(["-o", "udp.try_heuristic_first:TRUE"])
         .args(preferences.iter().flat_map(|preference| ["-o", preference]))
         .args(["-Y", filter])
         .args(["-T", "fields", "-E", "separator=/t", "-E", "aggregator=,"])

@@ -16,9 +16,10 @@ use rtps_tests::process::Process;
 use rtps_tests::{require, skip_unless};
 
 const PEER_END: Duration = Duration::from_secs(30);
-/// submessageId of DATA_FRAG and of ACKNACK (RTPS 2.5, 9.4.5.1.1).
+/// submessageId of DATA_FRAG, ACKNACK and HEARTBEAT (RTPS 2.5, 9.4.5.1.1).
 const DATA_FRAG: u8 = 0x16;
 const ACKNACK: u8 = 0x06;
+const HEARTBEAT: u8 = 0x07;
 
 /// Two hosts joined by a veth pair.
 struct Pair {
@@ -162,6 +163,25 @@ fn tshark_finds_a_malformed_message() -> Result<()> {
     let malformed = decoded.malformed_from(pair.veth.a.v4);
     ensure!(malformed.len() == 1, "{decoded:?}");
     ensure!(malformed[0].destination_port == 7410, "{decoded:?}");
+    Ok(())
+}
+
+/// Ports that the system chooses for us may be those that tshark knows of other protocols.
+#[test]
+fn tshark_goes_by_contents_and_not_by_ports() -> Result<()> {
+    const MANOLITO: u16 = 41_170;
+    skip_unless!(require::root());
+    let pair = Pair::new("contents")?;
+    let capture = Capture::start(&pair.a, &pair.veth.a.name)?;
+    let socket = bind(&pair.a, pair.veth.a.v4)?;
+    // A header, then a HEARTBEAT.
+    let mut message = b"RTPS\x02\x03\x01\x10".to_vec();
+    message.extend([1; 12]);
+    message.extend([HEARTBEAT, 0x01, 28, 0]);
+    message.extend([0; 28]);
+    socket.send_to(&message, (pair.veth.b.v4, MANOLITO))?;
+    let decoded = capture.finish()?;
+    ensure!(decoded.count(pair.veth.a.v4, HEARTBEAT) == 1, "{decoded:?}");
     Ok(())
 }
 
