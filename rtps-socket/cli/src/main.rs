@@ -41,6 +41,8 @@ fn log() {
     let asked = std::env::var("RUST_LOG").ok();
     let filter = asked.and_then(|directives| directives.parse().ok());
     let filter = filter.unwrap_or_else(|| Targets::new().with_default(LevelFilter::ERROR));
-    let log = tracing_subscriber::fmt::layer().with_writer(std::io::stderr);
+    let log = tracing_subscriber::fmt::layer()
+        .with_writer(std::io::stderr)
+        .log_internal_errors(false);
     tracing_subscriber::registry().with(log).with(filter).init();
 }

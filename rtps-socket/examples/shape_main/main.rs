@@ -147,6 +147,7 @@ fn log() -> std::io::Result<()> {
             .with_env_filter(EnvFilter::from_default_env())
             .with_ansi(false)
             .with_writer(File::create(path)?)
+            .log_internal_errors(false)
             .init();
     }
     Ok(())

@@ -44,6 +44,7 @@ fn main() -> Result<()> {
     tracing_subscriber::fmt()
         .with_env_filter(tracing_subscriber::EnvFilter::from_default_env())
         .with_writer(std::io::stderr)
+        .log_internal_errors(false)
         .init();
     catch_signals()?;
     let is_complete = run(&options, give_up).inspect_err(|error| {

@@ -27,5 +27,7 @@ fn start_log(verbose: bool) {
         .with_env_filter(filter)
         .with_writer(io::stderr)
         .with_ansi(io::stderr().is_terminal())
+        // Where nobody reads the log any more, to say so there would be the end of the process.
+        .log_internal_errors(false)
         .init();
 }

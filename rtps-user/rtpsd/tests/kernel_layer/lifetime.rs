@@ -4,7 +4,7 @@ use nix::sys::signal::{Signal, kill};
 use rtpsd::AttachedMode;
 
 use crate::steps::kill_at;
-use crate::support::{Netns, Rtpsd, run};
+use crate::support::{AppSocket, Netns, Rtpsd, run};
 
 #[test]
 fn a_clean_stop_leaves_nothing() {
@@ -35,6 +35,16 @@ fn a_clean_stop_leaves_nothing() {
     assert!(rtpsd.end(Signal::SIGTERM));
     assert!(netns.is_clean());
     assert!(!netns.status().loaded);
+}
+
+#[test]
+fn it_stops_cleanly_though_nobody_reads_its_log() {
+    let Some(netns) = Netns::new() else { return };
+    let rtpsd = Rtpsd::start_unread(&netns, &[]);
+    // What it has to say of an app, and of its own end, it says to a closed pipe.
+    drop(AppSocket::connect(&netns));
+    assert!(rtpsd.end(Signal::SIGTERM));
+    assert!(netns.is_clean());
 }
 
 #[test]

@@ -1,11 +1,11 @@
 //! A network namespace with two veth interfaces, rtpsd in it, and an app's end of the Unix socket.
 
 use std::fs::{self, File};
-use std::io::{BufRead, BufReader, IoSliceMut};
+use std::io::{BufRead, BufReader, IoSliceMut, Lines};
 use std::os::fd::{AsFd, AsRawFd, FromRawFd, OwnedFd};
 use std::os::unix::fs::MetadataExt;
 use std::path::PathBuf;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, ChildStderr, Command, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -168,6 +168,18 @@ pub(crate) struct Rtpsd {
 impl Rtpsd {
     /// Starts it in the namespace and waits until apps can connect.
     pub(crate) fn start(netns: &Netns, arguments: &[&str]) -> Self {
+        let (rtpsd, log) = Self::start_logging(netns, arguments);
+        // Keeps the pipe empty.
+        thread::spawn(move || log.for_each(drop));
+        rtpsd
+    }
+
+    /// The same; nobody reads its log after that.
+    pub(crate) fn start_unread(netns: &Netns, arguments: &[&str]) -> Self {
+        Self::start_logging(netns, arguments).0
+    }
+
+    fn start_logging(netns: &Netns, arguments: &[&str]) -> (Self, Lines<BufReader<ChildStderr>>) {
         let mut child = Self::command(netns, arguments)
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
@@ -181,9 +193,7 @@ impl Rtpsd {
             log.push_str(&line);
             log.push('\n');
             if ready {
-                // Keeps the pipe empty.
-                thread::spawn(move || lines.for_each(drop));
-                return Self { child };
+                return (Self { child }, lines);
             }
         }
         panic!("rtpsd did not start ({:?}): {log}", child.wait());
