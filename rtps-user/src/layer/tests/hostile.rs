@@ -3,6 +3,7 @@
 use std::net::SocketAddr;
 use std::time::Duration;
 
+use super::messages::{disposal, sample};
 use super::sim::{GROUP, Net, config, endpoint, prefix};
 use super::{READER, SECOND, WRITER, matched, matches};
 use crate::discovery::{DiscoveryLimits, EndpointData, ParticipantData};
@@ -10,27 +11,13 @@ use crate::layer::Limits;
 use crate::layer::protocol::MAX_PROTOCOL_MESSAGE;
 use crate::qos::Qos;
 use crate::wire::{
-    AckNack, Data, DataFragment, EntityId, Guid, GuidPrefix, InlineQos, KeyHash, MessageWriter,
-    PayloadKind, SequenceNumber, SequenceNumberSet, StatusInfo,
+    AckNack, DataFragment, EntityId, Guid, GuidPrefix, InlineQos, MessageWriter, PayloadKind,
+    SequenceNumber, SequenceNumberSet,
 };
 
 fn address(number: usize) -> SocketAddr {
     let [.., high, low] = number.to_be_bytes();
     ([10, 6, high, low], 7410).into()
-}
-
-fn message(source: GuidPrefix, writer: EntityId, sequence: i64, payload: &[u8]) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    MessageWriter::new(&mut bytes, source).data(&Data {
-        reader: EntityId::UNKNOWN,
-        writer,
-        sequence: SequenceNumber(sequence),
-        inline_qos: InlineQos::default(),
-        filters: None,
-        kind: PayloadKind::Data,
-        payload,
-    });
-    bytes
 }
 
 /// Has an invented participant announce itself.
@@ -39,7 +26,7 @@ fn announce(net: &mut Net, number: usize) -> Vec<u8> {
     data.metatraffic_unicast = vec![address(number)];
     let mut payload = Vec::new();
     data.encode(&mut payload);
-    let bytes = message(prefix(number), EntityId::SPDP_WRITER, 1, &payload);
+    let bytes = sample(prefix(number), EntityId::SPDP_WRITER, 1, &payload);
     net.inject(address(number), GROUP, bytes.clone());
     bytes
 }
@@ -64,7 +51,7 @@ fn announce_endpoint(net: &mut Net, number: usize, sequence: i64) -> Vec<u8> {
     let mut payload = Vec::new();
     invented_writer(number, sequence).encode(&mut payload);
     let writer = EntityId::SEDP_PUBLICATIONS_WRITER;
-    let bytes = message(prefix(number), writer, sequence, &payload);
+    let bytes = sample(prefix(number), writer, sequence, &payload);
     net.inject(address(number), net.hosts[0].address, bytes.clone());
     bytes
 }
@@ -104,7 +91,7 @@ fn announce_proven(net: &mut Net, number: usize, source: SocketAddr) {
     data.metatraffic_unicast = vec![source];
     let mut payload = Vec::new();
     data.encode(&mut payload);
-    let bytes = message(prefix(number), EntityId::SPDP_WRITER, 1, &payload);
+    let bytes = sample(prefix(number), EntityId::SPDP_WRITER, 1, &payload);
     let to = net.hosts[0].address;
     net.inject(source, to, bytes);
     let mut bytes = Vec::new();
@@ -183,7 +170,7 @@ fn nothing_is_sent_to_addresses_that_cannot_be_meant() {
     invented.default_unicast = many.clone();
     let mut payload = Vec::new();
     invented.encode(&mut payload);
-    let bytes = message(prefix(1000), EntityId::SPDP_WRITER, 1, &payload);
+    let bytes = sample(prefix(1000), EntityId::SPDP_WRITER, 1, &payload);
     let source = address(5000);
     let to = net.hosts[0].address;
     net.inject(source, to, bytes);
@@ -208,7 +195,7 @@ fn nothing_is_sent_to_addresses_that_cannot_be_meant() {
     payload.clear();
     writer.encode(&mut payload);
     let announcer = EntityId::SEDP_PUBLICATIONS_WRITER;
-    let bytes = message(prefix(1000), announcer, 1, &payload);
+    let bytes = sample(prefix(1000), announcer, 1, &payload);
     net.inject(source, to, bytes);
     net.run(SECOND);
     let (_, metatraffic, _) = known(&net).unwrap();
@@ -246,7 +233,7 @@ fn malformed_endpoints_are_survived_and_counted() {
     let mut inject = |net: &mut Net, payload: &[u8]| {
         sequence += 1;
         let writer = EntityId::SEDP_PUBLICATIONS_WRITER;
-        let bytes = message(prefix(1000), writer, sequence, payload);
+        let bytes = sample(prefix(1000), writer, sequence, payload);
         net.inject(address(1000), net.hosts[0].address, bytes);
     };
     for length in 4..payload.len() {
@@ -292,7 +279,7 @@ fn nobody_speaks_for_a_participant_from_elsewhere() {
     impostor.default_unicast = vec![address(1000)];
     let mut payload = Vec::new();
     impostor.encode(&mut payload);
-    let bytes = message(prefix(1), EntityId::SPDP_WRITER, 2, &payload);
+    let bytes = sample(prefix(1), EntityId::SPDP_WRITER, 2, &payload);
     net.inject(address(1000), GROUP, bytes);
     net.run(SECOND);
     assert_eq!(net.replies(1), []);
@@ -308,7 +295,7 @@ fn nobody_makes_us_send_to_others() {
     invented.metatraffic_unicast = vec![victim];
     let mut payload = Vec::new();
     invented.encode(&mut payload);
-    let bytes = message(prefix(1000), EntityId::SPDP_WRITER, 1, &payload);
+    let bytes = sample(prefix(1000), EntityId::SPDP_WRITER, 1, &payload);
     let to = net.hosts[0].address;
     net.inject(address(1000), to, bytes);
     net.run(10 * SECOND);
@@ -331,24 +318,7 @@ fn passed_on(message: &[u8], relay: GuidPrefix) -> Vec<u8> {
 #[test]
 fn nobody_ends_a_match_of_others() {
     let (mut net, writer, _) = matched();
-    let mut bytes = Vec::new();
-    MessageWriter::new(&mut bytes, writer.prefix).data(&Data {
-        reader: EntityId::UNKNOWN,
-        writer: EntityId::SEDP_PUBLICATIONS_WRITER,
-        sequence: SequenceNumber(2),
-        inline_qos: InlineQos {
-            key_hash: Some(KeyHash(writer.to_bytes())),
-            status: StatusInfo {
-                disposed: true,
-                unregistered: true,
-                filtered: false,
-            },
-            ..InlineQos::default()
-        },
-        filters: None,
-        kind: PayloadKind::None,
-        payload: &[],
-    });
+    let bytes = disposal(writer, EntityId::SEDP_PUBLICATIONS_WRITER, 2);
     let to = net.hosts[1].address;
     net.inject(address(666), to, bytes.clone());
     net.run(SECOND);
@@ -383,7 +353,7 @@ fn an_announcement_is_not_echoed_for_ever() {
     invented.metatraffic_unicast = vec![address(77)];
     let mut payload = Vec::new();
     invented.encode(&mut payload);
-    let bytes = message(prefix(1000), EntityId::SPDP_WRITER, 1, &payload);
+    let bytes = sample(prefix(1000), EntityId::SPDP_WRITER, 1, &payload);
     net.inject(address(1000), GROUP, bytes);
     let disturbed = count(&mut net);
     assert!(disturbed > quiet, "it is answered");

@@ -8,6 +8,7 @@ mod hostile;
 mod kernel;
 mod low_level;
 mod matching;
+mod messages;
 mod presence;
 mod restart;
 mod sim;
@@ -24,7 +25,11 @@ const READER: EntityKind = EntityKind::ReaderWithKey;
 
 /// Two hosts, a writer on the first and a reader on the second, matched; what their apps were told of it is taken.
 fn matched() -> (Net, Guid, Guid) {
-    let mut net = Net::new(2);
+    matched_in(Net::new(2))
+}
+
+/// The same between two hosts that are there.
+fn matched_in(mut net: Net) -> (Net, Guid, Guid) {
     let (a, b) = (net.attach(0), net.attach(1));
     let writer = net.declare(0, endpoint(a, 1, WRITER));
     let reader = net.declare(1, endpoint(b, 1, READER));

@@ -4,10 +4,10 @@ use std::net::SocketAddr;
 
 use crate::discovery::{EndpointData, ParticipantData};
 use crate::layer::tests::WRITER;
+use crate::layer::tests::messages::{disposal, sample};
 use crate::layer::tests::sim::{prefix, reliable};
 use crate::wire::{
-    AckNack, Data, EntityId, Guid, GuidPrefix, InlineQos, KeyHash, MessageWriter, PayloadKind,
-    SequenceNumber, SequenceNumberSet, StatusInfo,
+    AckNack, EntityId, Guid, GuidPrefix, MessageWriter, SequenceNumber, SequenceNumberSet,
 };
 
 /// A participant that there is not.
@@ -27,17 +27,7 @@ pub(super) fn announcement_of(participant: GuidPrefix, address: SocketAddr) -> V
     data.metatraffic_unicast = vec![address];
     let mut payload = Vec::new();
     data.encode(&mut payload);
-    let mut bytes = Vec::new();
-    MessageWriter::new(&mut bytes, participant).data(&Data {
-        reader: EntityId::UNKNOWN,
-        writer: EntityId::SPDP_WRITER,
-        sequence: SequenceNumber(1),
-        inline_qos: InlineQos::default(),
-        filters: None,
-        kind: PayloadKind::Data,
-        payload: &payload,
-    });
-    bytes
+    sample(participant, EntityId::SPDP_WRITER, 1, &payload)
 }
 
 /// An ACKNACK of the stranger for the first host.
@@ -71,39 +61,12 @@ pub(super) fn publication() -> (Guid, Vec<u8>) {
     };
     let mut payload = Vec::new();
     data.encode(&mut payload);
-    let mut bytes = Vec::new();
-    MessageWriter::new(&mut bytes, STRANGER).data(&Data {
-        reader: EntityId::UNKNOWN,
-        writer: EntityId::SEDP_PUBLICATIONS_WRITER,
-        sequence: SequenceNumber(1),
-        inline_qos: InlineQos::default(),
-        filters: None,
-        kind: PayloadKind::Data,
-        payload: &payload,
-    });
-    (guid, bytes)
+    let writer = EntityId::SEDP_PUBLICATIONS_WRITER;
+    (guid, sample(STRANGER, writer, 1, &payload))
 }
 
 /// A participant's last word, the sample of its announcements with this number.
 pub(super) fn farewell(participant: GuidPrefix, sequence: i64) -> Vec<u8> {
-    let key = Guid::new(participant, EntityId::PARTICIPANT);
-    let mut bytes = Vec::new();
-    MessageWriter::new(&mut bytes, participant).data(&Data {
-        reader: EntityId::UNKNOWN,
-        writer: EntityId::SPDP_WRITER,
-        sequence: SequenceNumber(sequence),
-        inline_qos: InlineQos {
-            key_hash: Some(KeyHash(key.to_bytes())),
-            status: StatusInfo {
-                disposed: true,
-                unregistered: true,
-                filtered: false,
-            },
-            ..InlineQos::default()
-        },
-        filters: None,
-        kind: PayloadKind::None,
-        payload: &[],
-    });
-    bytes
+    let participant = Guid::new(participant, EntityId::PARTICIPANT);
+    disposal(participant, EntityId::SPDP_WRITER, sequence)
 }

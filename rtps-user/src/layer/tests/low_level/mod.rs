@@ -7,8 +7,8 @@ mod progress;
 mod restart;
 mod strangers;
 
-use super::sim::{Net, config, endpoint};
-use super::{READER, SECOND, WRITER, matches};
+use super::matched_in;
+use super::sim::{Net, config};
 use crate::layer::LayerConfig;
 use crate::wire::Guid;
 
@@ -27,14 +27,7 @@ fn hosts(answers: &[bool]) -> Net {
 
 /// The first with a low-level layer that answers, a writer on it and a reader on the second, matched.
 fn matched() -> (Net, Guid, Guid) {
-    let mut net = hosts(&[true, false]);
-    let (a, b) = (net.attach(0), net.attach(1));
-    let writer = net.declare(0, endpoint(a, 1, WRITER));
-    let reader = net.declare(1, endpoint(b, 1, READER));
-    net.run(SECOND);
-    assert_eq!(matches(&net.replies(0)), [reader]);
-    assert_eq!(matches(&net.replies(1)), [writer]);
-    (net, writer, reader)
+    matched_in(hosts(&[true, false]))
 }
 
 fn restarted(net: &mut Net) -> LayerConfig {
