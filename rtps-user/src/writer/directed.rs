@@ -134,16 +134,20 @@ impl Writer {
         let timing = &self.config.timing;
         let is_filled = proxy.outbox.fill(now, &source, timing, &mut packet);
         if is_filled && proxy.outbox.wants_heartbeat() && packet.has_room_for_heartbeat() {
-            proxy.outbox.announced();
-            let is_final = !proxy.lags_behind(self.live.end());
+            let is_empty = proxy.outbox.announced();
+            let is_final = is_empty || !proxy.lags_behind(self.live.end());
             let start = proxy.start();
             let count = self
                 .heartbeats
                 .next_count_to(now, &mut proxy.heartbeat_count);
+            let mut heartbeat = self.heartbeat(start);
+            if is_empty {
+                (heartbeat.first, heartbeat.last) = (start, start.previous());
+            }
             packet.heartbeat(Heartbeat {
                 is_final,
                 count,
-                ..self.heartbeat(start)
+                ..heartbeat
             });
         }
         if !packet.finish() {

@@ -42,6 +42,7 @@ impl Writer {
         let start = if wants_past { SequenceNumber(1) } else { next };
         let mut proxy =
             ReaderProxy::new(now, remote, is_reliable, start, next, &self.config.timing);
+        proxy.skips_past = self.keeps_past() && !wants_past;
         if is_reliable {
             proxy.outbox.greet(start);
         } else {

@@ -59,6 +59,8 @@ pub(super) struct Outbox {
     selected: VecDeque<Selected>,
     /// A GAP from 1 to below the first change that concerns the reader.
     gap_to_start: bool,
+    /// Before the HEARTBEAT, one says that there is nothing yet.
+    begins_empty: bool,
     changes: Option<ChangeRequest>,
     fragments: VecDeque<FragmentRequest>,
     /// What a best-effort late joiner gets of the past: the next change, and the first that it gets anyway.
@@ -93,6 +95,13 @@ impl Outbox {
     pub(super) fn greet(&mut self, start: SequenceNumber) {
         self.gap_to_start = start > SequenceNumber(1);
         self.heartbeat = true;
+    }
+
+    /// The same for a reader that has not seen the greeting, and for which the past ends with the first HEARTBEAT: no
+    /// GAP can say that even the first change concerns it, a HEARTBEAT from the time of the match does.
+    pub(super) fn greet_anew(&mut self, start: SequenceNumber) {
+        self.begins_empty = start == SequenceNumber(1);
+        self.greet(start);
     }
 
     /// The change `sequence` is to be sent.
@@ -209,9 +218,10 @@ impl Outbox {
         self.heartbeat
     }
 
-    /// The HEARTBEAT has been sent.
-    pub(super) fn announced(&mut self) {
-        self.heartbeat = false;
+    /// A HEARTBEAT is sent; gives whether as of the time of the match, and another one follows.
+    pub(super) fn announced(&mut self) -> bool {
+        self.heartbeat = std::mem::take(&mut self.begins_empty);
+        self.heartbeat
     }
 
     /// So many bytes may be sent from now on, until the next call: no more than the reader's inbox takes at once.

@@ -43,6 +43,8 @@ pub(super) struct ReaderProxy {
     inline_topic: Option<String>,
     /// The first change that concerns it.
     start: SequenceNumber,
+    /// It does not want what the writer keeps of the past.
+    pub(super) skips_past: bool,
     /// The first change that was sent to all readers while it was among them.
     live_from: SequenceNumber,
     /// It has acknowledged everything up to this change.
@@ -80,6 +82,7 @@ impl ReaderProxy {
             is_reliable,
             inline_topic: inline_topic(remote),
             start,
+            skips_past: false,
             live_from,
             acknowledged: start.previous(),
             acknack_count: LastCount::default(),
@@ -165,9 +168,19 @@ impl ReaderProxy {
         // heard of the writer.
         if !acknack.is_final && self.may_answer(now, timing) {
             self.answered_at = Some(now);
-            self.outbox.announce();
+            if self.skips_past && self.is_greeting(acknack) {
+                self.outbox.greet_anew(self.start);
+            } else {
+                self.outbox.announce();
+            }
         }
         true
+    }
+
+    /// Whether the reader may not have heard of the writer yet: it was matched later here than there, and what came
+    /// before was not for it.
+    fn is_greeting(&self, acknack: &AckNack) -> bool {
+        acknack.state.is_empty() && acknack.state.base <= self.start
     }
 
     /// The reader has everything below `base`, where `end` is the first change that has not been sent yet.

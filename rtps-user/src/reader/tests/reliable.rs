@@ -198,6 +198,19 @@ fn a_late_volatile_reader_believes_the_gap_of_its_writer() {
 }
 
 #[test]
+fn a_volatile_reader_that_was_there_first_wants_all() {
+    let mut bench = Bench::new(reliable(), transient_local());
+    bench.answers();
+    bench.heartbeat(1, 0);
+    bench.answers();
+    bench.heartbeat(1, 3);
+    assert_eq!(
+        bench.answers(),
+        [Answer::AckNack(1, vec![1, 2, 3], 3, false)]
+    );
+}
+
+#[test]
 fn a_volatile_writer_is_asked_for_all_it_has() {
     let mut bench = Bench::new(reliable(), reliable());
     bench.answers();

@@ -206,6 +206,25 @@ fn a_preemptive_acknack_is_answered() {
 }
 
 #[test]
+fn a_volatile_reader_that_missed_its_greeting_is_told_once_more_where_to_begin() {
+    let mut bench = matched(reliable(Durability::TransientLocal));
+    bench.match_reader(2, 7412, reliable(Durability::Volatile));
+    bench.lines();
+    bench.write(100);
+    bench.lines();
+    bench.acknack_with(2, 1, &[], false);
+    let nothing_yet = "HEARTBEAT 1..=0 final to 2";
+    assert_eq!(bench.lines(), [nothing_yet, "HEARTBEAT 1..=1 to 2"]);
+    bench.match_reader(3, 7413, reliable(Durability::Volatile));
+    bench.lines();
+    bench.write(100);
+    bench.lines();
+    bench.acknack_with(3, 1, &[], false);
+    let greeting = ["GAP 1..2 [] to 3", "HEARTBEAT 2..=2 to 3"];
+    assert_eq!(bench.lines(), greeting);
+}
+
+#[test]
 fn duplicate_and_old_counts_are_ignored() {
     let mut bench = matched(reliable(Durability::Volatile));
     bench.write(100);
