@@ -317,6 +317,11 @@ impl Core {
         self.link.arrivals()
     }
 
+    /// Through which descriptors samples have come of late.
+    pub(super) fn likely(&self) -> Wakeups {
+        self.link.likely()
+    }
+
     /// Does what is due, sends what is to be sent, and notes what has happened. Most of the time there is nothing.
     pub(crate) fn settle(&mut self, now: Instant) {
         if self.link.has_news(now) {

@@ -11,9 +11,7 @@ use std::sync::MutexGuard;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use super::{Core, Shared, clear};
-use crate::link::INTERRUPT;
-use crate::sys::Wakeups;
+use super::{Core, Shared};
 
 /// How long a thread looks that nobody told to.
 const MOMENT: Duration = Duration::from_micros(100);
@@ -170,38 +168,48 @@ impl Shared {
             false => Pause::Yield,
         };
         self.release(core);
-        let mut wakeups = Wakeups::default();
+        let mut count = 0;
         let outcome = match arrivals {
-            Some(arrivals) => look_until(now, end, pause, || arrivals.has_arrived()),
+            Some(arrivals) => look_until(now, end, pause, |_| arrivals.has_arrived()),
             None => {
                 // A look costs a system call here, and who is to answer may not have had the CPU yet.
                 let mut looks = pause != Pause::Yield;
-                look_until(now, end, pause, || {
+                look_until(now, end, pause, |now| {
                     if std::mem::replace(&mut looks, true) {
-                        wakeups = self.epoll.wait(Some(Duration::ZERO)).unwrap_or_default();
+                        count = self.try_descriptors(now);
                     }
-                    !wakeups.is_empty()
+                    count > 0
                 })
             }
         };
-        if wakeups.contains(INTERRUPT) {
-            clear(&self.interrupt);
-        }
-        self.take_in(wakeups, outcome, spinning)
+        self.take_in(count, outcome, spinning)
     }
 
+    /// Takes in what has come through descriptors: those from which samples have come of late are tried without asking
+    /// first whether they are readable. The number of datagrams.
+    fn try_descriptors(&self, now: Instant) -> usize {
+        let mut core = self.lock();
+        let likely = core.likely();
+        let wakeups = match likely.is_empty() {
+            true => self.look(&mut core, now),
+            false => likely,
+        };
+        core.receive(now, wakeups)
+    }
+
+    /// Takes in what is there beside the `count` datagrams that were taken in already.
     fn take_in(
         &self,
-        wakeups: Wakeups,
+        count: usize,
         (is_disturbed, now): (bool, Instant),
         spinning: &mut Spinning,
     ) -> (MutexGuard<'_, Core>, Instant) {
         let mut core = self.lock();
-        let wakeups = match wakeups.is_empty() {
-            true => self.look_in_time(&mut core, now),
-            false => wakeups,
-        };
-        let has_found = core.receive(now, wakeups) > 0;
+        let wakeups = self.look_in_time(&mut core, now);
+        let mut has_found = count > 0;
+        if !has_found || !wakeups.is_empty() {
+            has_found |= core.receive(now, wakeups) > 0;
+        }
         if is_disturbed {
             spinning.ended(Look::Disturbed, &mut core.seat.eagerness, now);
         } else if has_found {
@@ -216,13 +224,13 @@ fn look_until(
     start: Instant,
     end: Instant,
     pause: Pause,
-    mut has_arrived: impl FnMut() -> bool,
+    mut has_arrived: impl FnMut(Instant) -> bool,
 ) -> (bool, Instant) {
     let mut now = start;
     loop {
         let looks = if pause == Pause::Spin { LOOKS } else { 1 };
         for look in 0..looks {
-            if has_arrived() {
+            if has_arrived(now) {
                 // What had arrived at the first look was there when the clock was read.
                 return (false, if look == 0 { now } else { Instant::now() });
             }

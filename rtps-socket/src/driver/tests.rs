@@ -88,6 +88,10 @@ impl Link for OddLink {
         None
     }
 
+    fn likely(&self) -> Wakeups {
+        Wakeups::default()
+    }
+
     fn prepare_sleep(&mut self) -> bool {
         let is_endless = [&self.0.is_flooded, &self.0.streams];
         !is_endless.iter().any(|flag| flag.load(Ordering::Relaxed))

@@ -116,6 +116,9 @@ pub(crate) trait Link: Send {
     /// everything comes through descriptors.
     fn arrivals(&self) -> Option<Arc<dyn Arrivals>>;
 
+    /// Where everything comes through descriptors, those through which samples have come of late.
+    fn likely(&self) -> Wakeups;
+
     /// About to wait for the descriptors: asks to be woken. False when something has arrived already.
     fn prepare_sleep(&mut self) -> bool;
 

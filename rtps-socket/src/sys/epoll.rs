@@ -29,6 +29,11 @@ pub(crate) struct Epoll {
 pub(crate) struct Wakeups(u32);
 
 impl Wakeups {
+    /// This one alone.
+    pub(crate) fn of(number: u8) -> Self {
+        Self(1 << number)
+    }
+
     /// Whether none is.
     pub(crate) fn is_empty(self) -> bool {
         self.0 == 0

@@ -74,6 +74,8 @@ pub(crate) struct InProcessLink {
     /// For what comes next; `None` while it is read.
     buffer: Option<ReceiveBuffer>,
     lookaheads: [Lookahead; (ADDRESSES - SOCKETS) as usize],
+    /// The socket that samples have come through last.
+    likely: Wakeups,
     outgoing: Vec<u8>,
     seen: (GuidPrefix, Instant),
 }
@@ -115,6 +117,7 @@ impl InProcessLink {
             inbox: VecDeque::new(),
             buffer: None,
             lookaheads: Default::default(),
+            likely: Wakeups::default(),
             outgoing: Vec::new(),
             seen: (GuidPrefix::UNKNOWN, now),
         };
@@ -215,6 +218,9 @@ impl InProcessLink {
         let mut buffer = self.buffer.take().unwrap_or_else(ReceiveBuffer::new);
         let count = match buffer.receive(socket) {
             Ok(received) => {
+                if kind == Kind::User {
+                    self.likely = Wakeups::of(SOCKETS + place as u8);
+                }
                 self.take(now, kind, &received, sink);
                 received.datagrams().len().max(1)
             }
@@ -302,6 +308,10 @@ impl Link for InProcessLink {
 
     fn arrivals(&self) -> Option<Arc<dyn Arrivals>> {
         None
+    }
+
+    fn likely(&self) -> Wakeups {
+        self.likely
     }
 
     fn prepare_sleep(&mut self) -> bool {

@@ -267,6 +267,10 @@ impl Link for KernelLink {
         Some(Arc::clone(&self.places) as Arc<dyn Arrivals>)
     }
 
+    fn likely(&self) -> Wakeups {
+        Wakeups::default()
+    }
+
     fn prepare_sleep(&mut self) -> bool {
         self.bell.arm();
         self.doorbell.armed();
