@@ -12,6 +12,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use super::{Core, Shared};
+use crate::sys::Wakeups;
 
 /// How long a thread looks that nobody told to.
 const MOMENT: Duration = Duration::from_micros(100);
@@ -22,7 +23,7 @@ const MOST_SKIPPED: u32 = 4096;
 /// For how long nobody looks after a third process took the CPU, at first and at most.
 const REST_MIN: Duration = Duration::from_millis(100);
 const REST_MAX: Duration = Duration::from_secs(2);
-/// Other threads may have given the protocol something to do by then.
+/// Other threads may have given the protocol something to do by then, and discovery may want to be read.
 const GLANCE: Duration = Duration::from_millis(1);
 /// Looks between two looks at the clock.
 const LOOKS: usize = 16;
@@ -105,6 +106,8 @@ pub(super) struct Spinning {
     patience: Duration,
     end: Option<Instant>,
     is_told: bool,
+    /// Something has come, but not what is waited for, which may be right behind it.
+    has_found: bool,
 }
 
 impl Spinning {
@@ -118,6 +121,7 @@ impl Spinning {
             patience: busy_poll.unwrap_or_else(|| eagerness.patience(now)),
             end: None,
             is_told: busy_poll.is_some(),
+            has_found: false,
         }
     }
 
@@ -132,6 +136,7 @@ impl Spinning {
 
     fn ended(&mut self, look: Look, eagerness: &mut Eagerness, now: Instant) {
         self.end = None;
+        self.has_found |= look == Look::Found;
         if !self.is_told {
             eagerness.looked(look, now);
             if look != Look::Found {
@@ -167,34 +172,44 @@ impl Shared {
             false if core.seat.inflow.is_stream() => Pause::Nap,
             false => Pause::Yield,
         };
+        let likely = core.likely();
         self.release(core);
         let mut count = 0;
         let outcome = match arrivals {
             Some(arrivals) => look_until(now, end, pause, |_| arrivals.has_arrived()),
             None => {
                 // A look costs a system call here, and who is to answer may not have had the CPU yet.
-                let mut looks = pause != Pause::Yield;
+                let mut skips = pause == Pause::Yield && !spinning.has_found;
+                let mut tries = !likely.is_empty();
                 look_until(now, end, pause, |now| {
-                    if std::mem::replace(&mut looks, true) {
-                        count = self.try_descriptors(now);
+                    if std::mem::take(&mut skips) {
+                        return false;
                     }
-                    count > 0
+                    let found = match tries {
+                        true => self.try_descriptors(now, likely),
+                        false => self.look_at_descriptors(now),
+                    };
+                    tries = !tries && !likely.is_empty();
+                    count = found.unwrap_or_default();
+                    found.is_some()
                 })
             }
         };
         self.take_in(count, outcome, spinning)
     }
 
-    /// Takes in what has come through descriptors: those from which samples have come of late are tried without asking
-    /// first whether they are readable. The number of datagrams.
-    fn try_descriptors(&self, now: Instant) -> usize {
+    /// Takes in what has come through descriptors from which samples have come of late, without asking first whether
+    /// they are readable: that saves a system call for each. The number of datagrams, if there were any.
+    fn try_descriptors(&self, now: Instant, likely: Wakeups) -> Option<usize> {
+        let count = self.lock().receive(now, likely);
+        (count > 0).then_some(count)
+    }
+
+    /// Takes in what has come through any descriptor. The number of datagrams with samples, if there was anything.
+    fn look_at_descriptors(&self, now: Instant) -> Option<usize> {
         let mut core = self.lock();
-        let likely = core.likely();
-        let wakeups = match likely.is_empty() {
-            true => self.look(&mut core, now),
-            false => likely,
-        };
-        core.receive(now, wakeups)
+        let wakeups = self.look(&mut core, now);
+        (!wakeups.is_empty()).then(|| core.receive(now, wakeups))
     }
 
     /// Takes in what is there beside the `count` datagrams that were taken in already.
@@ -205,7 +220,10 @@ impl Shared {
         spinning: &mut Spinning,
     ) -> (MutexGuard<'_, Core>, Instant) {
         let mut core = self.lock();
-        let wakeups = self.look_in_time(&mut core, now);
+        let wakeups = match core.seat.is_unseen(now, GLANCE) {
+            true => self.look(&mut core, now),
+            false => Wakeups::default(),
+        };
         let mut has_found = count > 0;
         if !has_found || !wakeups.is_empty() {
             has_found |= core.receive(now, wakeups) > 0;
