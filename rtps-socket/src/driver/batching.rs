@@ -15,12 +15,17 @@ const STREAM: u32 = 4;
 /// Between two writes of a stream, and two datagrams that arrive in one, there is less time than any round trip takes: an app
 /// that answers does not stream.
 pub(super) const GAP: Duration = Duration::from_micros(20);
-/// For how long a sample of a stream waits: a stream writes hundreds of them in that time.
+/// For how long a sample of a stream waits.
 const PAUSE: Duration = Duration::from_micros(100);
+/// Writes after which a stream has shown that it lasts.
+const LASTING: u32 = 512;
+/// For how long a sample waits then: hundreds of them fill what leaves with one system call.
+const LONG_PAUSE: Duration = Duration::from_micros(200);
 /// How much longer at most the last samples of a stream wait, which the writer does not see to any more.
 const SLACK: Duration = Duration::from_micros(400);
-/// Payload that is enough to be sent.
-const ENOUGH: usize = 32 * 1024;
+/// Bytes that are enough to be sent; what they take beside [`OVERHEAD`] still fits a datagram of the largest size, as
+/// which the system takes them.
+const ENOUGH: usize = 52 * 1024;
 /// What a sample takes beside its payload.
 const OVERHEAD: usize = 36;
 /// No hint of an app keeps its samples longer.
@@ -110,7 +115,9 @@ impl Batching {
     /// A sample of `len` bytes was written. Whether it waits; else everything that waits is to be sent.
     pub(super) fn holds(&mut self, now: Instant, len: usize, patience: Patience) -> bool {
         let last = self.last.replace(now);
-        let follows = last.is_some_and(|last| now <= last + GAP);
+        // Who stalls the app for a moment, another thread on its CPU, does not end what still waits for more.
+        let joins = self.row >= STREAM && self.is_holding(now);
+        let follows = joins || last.is_some_and(|last| now <= last + GAP);
         self.row = if follows {
             self.row.saturating_add(1)
         } else {
@@ -121,7 +128,8 @@ impl Batching {
         }
         let wait = match self.row {
             ..STREAM => patience.budget,
-            _ => patience.budget.max(PAUSE),
+            STREAM..LASTING => patience.budget.max(PAUSE),
+            _ => patience.budget.max(LONG_PAUSE),
         };
         if self.due.is_none() {
             (self.bytes, self.room) = (0, u32::MAX);
@@ -231,6 +239,23 @@ mod tests {
     }
 
     #[test]
+    fn a_stall_ends_no_stream_as_long_as_something_waits() {
+        let (mut batching, mut now) = (Batching::default(), Instant::now());
+        let mut write = |gap_us| {
+            now += Duration::from_micros(gap_us);
+            let holds = batching.holds(now, 100, patience(0, History::KeepAll));
+            if !holds {
+                batching.sent();
+            }
+            holds
+        };
+        assert_eq!([1; 5].map(&mut write), [false, false, false, false, true]);
+        assert!(write(50), "it still waits");
+        assert!(!write(50), "it is time");
+        assert!(!write(50), "that was no stream");
+    }
+
+    #[test]
     fn who_pauses_does_not_stream() {
         let held = write(50, 100, 100, patience(0, History::KeepAll));
         assert!(!held.contains(&true));
@@ -238,7 +263,7 @@ mod tests {
 
     #[test]
     fn large_samples_do_not_wait() {
-        let held = write(1, 100, 40_000, patience(0, History::KeepAll));
+        let held = write(1, 100, 60_000, patience(0, History::KeepAll));
         assert!(!held.contains(&true));
     }
 
