@@ -23,7 +23,7 @@ pub use fan_out::{
 use crate::entity::GuidPrefix;
 
 /// The version of everything in this module.
-pub const ABI_VERSION: u32 = 6;
+pub const ABI_VERSION: u32 = 7;
 
 /// Names of maps and programs, the same in the object and under the pin folder.
 pub mod name {
@@ -31,7 +31,7 @@ pub mod name {
     pub const CONFIG: &str = "config";
     /// `Array[DOMAINS]` of [`Domain`](super::Domain).
     pub const DOMAINS: &str = "domains";
-    /// `Hash` from UDP port (`u16`, host order) to [`PortConfig`](super::PortConfig).
+    /// `Array[PORTS]` of [`PortConfig`](super::PortConfig), by UDP port: each UDP datagram of the host is looked up here.
     pub const PORTS: &str = "ports";
     /// `Hash` from this host's own unicast addresses (16 bytes, IPv4 mapped) to `u32` (any value).
     pub const ADDRESSES: &str = "addresses";
@@ -109,8 +109,8 @@ pub mod name {
 pub const SLOTS: u32 = 256;
 /// RTPS domains that one layer serves at the same time.
 pub const DOMAINS: u32 = 16;
-/// UDP ports in the `ports` map.
-pub const PORTS: u32 = 256;
+/// UDP ports in the `ports` map: all that there are.
+pub const PORTS: u32 = 1 << 16;
 /// Own addresses in the `addresses` map.
 pub const ADDRESSES: u32 = 1024;
 /// Remote writers in the `routes` map.
@@ -215,23 +215,25 @@ pub struct Domain {
     pub metatraffic_port: u32,
 }
 
-/// `ports`: a UDP port that the layer owns in this network namespace.
+/// `ports`: what a UDP port is to the layer in this network namespace.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PortConfig {
     /// Index into `domains`, not the domain id.
     pub domain_index: u16,
-    /// [`PORT_UNICAST`], [`PORT_MULTICAST`] or [`PORT_METATRAFFIC`].
+    /// [`PORT_FOREIGN`], [`PORT_UNICAST`], [`PORT_MULTICAST`] or [`PORT_METATRAFFIC`].
     pub kind: u16,
 }
 
+/// [`PortConfig::kind`]: the port is not the layer's.
+pub const PORT_FOREIGN: u16 = 0;
 /// [`PortConfig::kind`]: the port is the layer's alone, so XDP may take what is sent to it.
-pub const PORT_UNICAST: u16 = 0;
+pub const PORT_UNICAST: u16 = 1;
 /// [`PortConfig::kind`]: shared with other DDS stacks of this host; only the socket filter, which
 /// sees the layer's own copy, acts on it.
-pub const PORT_MULTICAST: u16 = 1;
+pub const PORT_MULTICAST: u16 = 2;
 /// [`PortConfig::kind`]: as [`PORT_UNICAST`], for discovery: XDP leaves it to the tc program.
-pub const PORT_METATRAFFIC: u16 = 2;
+pub const PORT_METATRAFFIC: u16 = 3;
 
 /// `apps`: an attached app.
 #[repr(C)]

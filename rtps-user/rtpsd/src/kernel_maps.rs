@@ -3,6 +3,7 @@
 mod discovery;
 mod fan_outs;
 mod peers;
+mod ports;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
@@ -17,6 +18,7 @@ pub(crate) use discovery::{BuiltinSample, DiscoveryMaps};
 pub(crate) use fan_outs::FanOuts;
 use nix::time::{ClockId, clock_gettime};
 pub(crate) use peers::Peers;
+use ports::Ports;
 use rtps_ebpf::abi::{self, App, Config, Domain, PortConfig, name};
 use rtps_ebpf::{ABI_VERSION, Counter, SlotSet};
 use rtps_net::{Interface, LOOPBACK_INDEX};
@@ -32,7 +34,7 @@ type Counts = [u64; Counter::COUNT];
 pub(crate) struct KernelMaps {
     config: Array<MapData, Config>,
     domains: Array<MapData, Domain>,
-    ports: HashMap<MapData, u16, PortConfig>,
+    ports: Ports,
     addresses: HashMap<MapData, [u8; 16], u32>,
     routes: HashMap<MapData, [u8; 16], SlotSet>,
     apps: Array<MapData, App>,
@@ -49,7 +51,7 @@ impl KernelMaps {
         Ok(Self {
             config: open(folder, name::CONFIG)?,
             domains: open(folder, name::DOMAINS)?,
-            ports: open(folder, name::PORTS)?,
+            ports: Ports::open(folder)?,
             addresses: open(folder, name::ADDRESSES)?,
             routes: open(folder, name::ROUTES)?,
             apps: open(folder, name::APPS)?,
@@ -79,7 +81,7 @@ impl KernelMaps {
 
     /// Replaces the table of ports that the layer owns.
     pub(crate) fn set_ports(&mut self, ports: &BTreeMap<u16, PortConfig>) -> Result<()> {
-        replace(&mut self.ports, ports.iter().map(|(k, v)| (*k, *v))).context("map `ports`")
+        self.ports.replace(ports)
     }
 
     /// Replaces the table of this host's addresses.

@@ -120,7 +120,7 @@ impl Layer {
             domain_index: DOMAIN as u16,
             kind,
         };
-        self.insert(name::PORTS, port, config)
+        self.set(name::PORTS, port.into(), config)
     }
 
     /// Attaches an app with a ring of `bytes`.

@@ -11,7 +11,7 @@ use crate::{
     deliver::Delivery,
     exchange::Conversation,
     ingress::handled,
-    maps::{self, Counters, Lookup, Scratch},
+    maps::{self, Counters, Scratch},
     message::examine,
     sys::{SocketBuffer, now_ns},
 };
@@ -67,7 +67,8 @@ fn arrive(buffer: &SocketBuffer, scratch: &mut Scratch) -> Result<(), Counter> {
     let ports = udp(buffer, 0).ok_or(Counter::PassBadLengths)?;
     let port = maps::port(ports.destination).ok_or(Counter::PassNotOurPort)?;
     let source_address = source_address(buffer).unwrap_or_default();
-    scratch.lookup = Lookup::new(source_address, config);
+    let now_ns = now_ns();
+    scratch.lookup.turn_to(source_address, config, now_ns);
     scratch.header = RecordHeader {
         message_len: buffer.message().len(),
         ifindex: buffer.ifindex(),
@@ -77,7 +78,7 @@ fn arrive(buffer: &SocketBuffer, scratch: &mut Scratch) -> Result<(), Counter> {
         flags: 0,
         source_port: ports.source,
         source_address,
-        received_ns: now_ns(),
+        received_ns: now_ns,
     };
     Ok(())
 }

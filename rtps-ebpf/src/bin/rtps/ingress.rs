@@ -20,7 +20,7 @@ use crate::{
     deliver::Delivery,
     emit::{ORIGINAL_BYTES, Reply},
     exchange::{Conversation, Voice},
-    maps::{self, Counters, Lookup, Scratch},
+    maps::{self, Counters, Scratch},
     message::examine,
     sys::{LinkBuffer, Message, Packet, now_ns},
 };
@@ -80,7 +80,9 @@ pub(crate) const fn handled(domain: &Domain) -> u16 {
 fn decide(buffer: &LinkBuffer, scratch: &mut Scratch) -> Verdict {
     if scratch.is_for_apps {
         match burst::take(buffer, scratch) {
-            Taken::Left if !scratch.may_converse => return Verdict::Pass,
+            Taken::Left if !(scratch.may_converse && is_plain(&scratch.datagram)) => {
+                return Verdict::Pass;
+            }
             Taken::Left => {}
             Taken::Nobody(counter) => return Verdict::Drop(counter),
             Taken::Delivered => return Verdict::Handled,
@@ -112,15 +114,18 @@ fn arrive(buffer: &LinkBuffer, scratch: &mut Scratch, tasks: u16) -> Result<(), 
         return Err(Counter::PassNotOurAddress);
     }
     scratch.is_for_apps = port.kind == PORT_UNICAST && tasks & INTERFACE_DELIVERS != 0;
-    scratch.may_converse =
-        config.discovery == DISCOVERY_KERNEL && buffer.segment() == 0 && is_plain(datagram);
+    // What is for apps is asked for its looks only where it turns out to be for others.
+    scratch.may_converse = config.discovery == DISCOVERY_KERNEL
+        && buffer.segment() == 0
+        && (scratch.is_for_apps || is_plain(datagram));
     if !scratch.is_for_apps && !scratch.may_converse {
         return Err(match datagram.multicast {
             true => Counter::PassMulticast,
             false => Counter::PassMetatraffic,
         });
     }
-    scratch.lookup = Lookup::new(datagram.source, config);
+    let now_ns = now_ns();
+    scratch.lookup.turn_to(datagram.source, config, now_ns);
     scratch.header = RecordHeader {
         message_len: datagram.ports.len - UDP_LEN,
         ifindex: buffer.ifindex(),
@@ -130,7 +135,7 @@ fn arrive(buffer: &LinkBuffer, scratch: &mut Scratch, tasks: u16) -> Result<(), 
         flags: 0,
         source_port: datagram.ports.source,
         source_address: datagram.source,
-        received_ns: now_ns(),
+        received_ns: now_ns,
     };
     Ok(())
 }

@@ -2,28 +2,26 @@
 
 mod counters;
 mod fan_outs;
+mod lookup;
 mod participants;
 mod rings;
 mod scratch;
 mod world;
 
 use aya_ebpf::{
-    bindings::{BPF_F_MMAPABLE, BPF_F_NO_PREALLOC},
+    bindings::BPF_F_MMAPABLE,
     btf_maps::{Array, ArrayOfMaps, HashMap},
     macros::btf_map,
 };
 use rtps_ebpf::{
-    ABI_VERSION, Routes, SlotSet,
+    ABI_VERSION,
     abi::{self, App, Bell, Config, Domain, PortConfig},
-    entity::{Guid, GuidPrefix},
 };
 
 pub(crate) use counters::Counters;
 pub(crate) use fan_outs::{destination, emission, fan_out, sender};
-use participants::may_send;
-pub(crate) use participants::{
-    Progress, is_peer, known, remember, renew, spend, spend_of_source, update,
-};
+pub(crate) use lookup::Lookup;
+pub(crate) use participants::{Progress, is_peer, known, remember, spend, spend_of_source, update};
 pub(crate) use rings::Ring;
 pub(crate) use scratch::{Scratch, exchange, reply, scratch};
 pub(crate) use world::{DomainWorld, interface};
@@ -35,12 +33,9 @@ static CONFIG: Array<Config, 1> = Array::new();
 #[btf_map(name = "domains")]
 static DOMAINS: Array<Domain, { abi::DOMAINS as usize }> = Array::new();
 #[btf_map(name = "ports")]
-static PORTS: HashMap<u16, PortConfig, { abi::PORTS as usize }> = HashMap::new();
+static PORTS: Array<PortConfig, { abi::PORTS as usize }> = Array::new();
 #[btf_map(name = "addresses")]
 static ADDRESSES: HashMap<[u8; 16], u32, { abi::ADDRESSES as usize }> = HashMap::new();
-#[btf_map(name = "routes")]
-static ROUTES: HashMap<Guid, SlotSet, { abi::ROUTES as usize }, { BPF_F_NO_PREALLOC as usize }> =
-    HashMap::new();
 #[btf_map(name = "apps")]
 static APPS: Array<App, { abi::SLOTS as usize }> = Array::new();
 #[btf_map(name = "bells")]
@@ -57,8 +52,9 @@ pub(crate) fn config() -> Option<&'static Config> {
 /// The port's entry, when the layer owns the port.
 #[inline(always)]
 pub(crate) fn port(port: u16) -> Option<&'static PortConfig> {
-    // SAFETY: the value is read at once; a stale one sends the datagram where it went before.
-    unsafe { PORTS.get(port) }
+    PORTS
+        .get(port.into())
+        .filter(|config| config.kind != abi::PORT_FOREIGN)
 }
 
 /// Whether the address is this host's.
@@ -90,37 +86,4 @@ pub(crate) fn needs_wakeup(slot: u32) -> bool {
     };
     // SAFETY: the map keeps the bell alive; the app changes it at any time, hence volatile.
     unsafe { (&raw const (*bell).need_wakeup).read_volatile() != 0 }
-}
-
-/// What the walk over a datagram from `source` looks up.
-#[repr(C)]
-pub(crate) struct Lookup {
-    source: [u8; 16],
-    /// Whether known participants may send from anywhere.
-    any_source: bool,
-}
-
-impl Lookup {
-    #[inline(always)]
-    pub(crate) fn new(source: [u8; 16], config: &Config) -> Self {
-        Self {
-            source,
-            any_source: config.any_source != 0,
-        }
-    }
-}
-
-impl Routes for Lookup {
-    #[inline(always)]
-    fn add_readers(&self, writer: &Guid, slots: &mut SlotSet) {
-        // SAFETY: the value is read at once; a torn one is repaired by rtpsd's next update.
-        if let Some(readers) = unsafe { ROUTES.get(writer) } {
-            slots.union(readers);
-        }
-    }
-
-    #[inline(always)]
-    fn may_send(&self, participant: &GuidPrefix) -> bool {
-        self.any_source || may_send(participant, &self.source)
-    }
 }

@@ -9,7 +9,7 @@ use rtps_ebpf::{
 };
 
 use crate::{
-    maps::{self, Scratch},
+    maps::Scratch,
     sys::{Message, Packet, Repeat, repeat},
 };
 
@@ -49,7 +49,7 @@ pub(crate) fn walk<P: Packet>(message: &Message<P>, scratch: &mut Scratch) {
 pub(crate) fn conclude(scratch: &mut Scratch) -> Result<bool, Counter> {
     let findings = scratch.walk.findings(scratch.malformed);
     if findings.malformed.is_none() && !findings.foreign_source {
-        maps::renew(scratch.walk.sender(), scratch.header.received_ns);
+        scratch.lookup.heard(scratch.walk.sender());
     }
     let Concerned { targets, built_in } = findings.concerned()?;
     scratch.targets = targets;

@@ -11,7 +11,7 @@ use rtps_ebpf::{
 
 use crate::{
     deliver::{Delivery, ring},
-    maps::{self, Counters, Lookup, Scratch},
+    maps::{self, Counters, Scratch},
     message::examine,
     sys::{Frame, now_ns},
 };
@@ -73,7 +73,8 @@ fn arrive(frame: &Frame, scratch: &mut Scratch) -> Result<(), Counter> {
     if port.kind == PORT_METATRAFFIC && config.discovery == DISCOVERY_KERNEL {
         return Err(Counter::PassMetatraffic);
     }
-    scratch.lookup = Lookup::new(datagram.source, config);
+    let now_ns = now_ns();
+    scratch.lookup.turn_to(datagram.source, config, now_ns);
     scratch.header = RecordHeader {
         message_len: datagram.ports.len - UDP_LEN,
         ifindex: frame.ifindex(),
@@ -83,7 +84,7 @@ fn arrive(frame: &Frame, scratch: &mut Scratch) -> Result<(), Counter> {
         flags: 0,
         source_port: datagram.ports.source,
         source_address: datagram.source,
-        received_ns: now_ns(),
+        received_ns: now_ns,
     };
     Ok(())
 }

@@ -92,7 +92,7 @@ pub(crate) fn update(prefix: &GuidPrefix, peer: &Peer, before: &Progress) {
 /// Whether a datagram from `source` may come from the participant: one that is known sends from its
 /// own addresses only.
 #[inline(always)]
-pub(crate) fn may_send(prefix: &GuidPrefix, source: &[u8; 16]) -> bool {
+pub(super) fn may_send(prefix: &GuidPrefix, source: &[u8; 16]) -> bool {
     known(prefix).is_none_or(|peer| {
         peer.flags & PEER_ANY_ADDRESS != 0
             || peer
@@ -102,13 +102,15 @@ pub(crate) fn may_send(prefix: &GuidPrefix, source: &[u8; 16]) -> bool {
     })
 }
 
-/// Renews the participant's time stamp, when it is known.
+/// Renews the participant's time stamp, when it is known; whether it is.
 #[inline(always)]
-pub(crate) fn renew(prefix: &GuidPrefix, now_ns: u64) {
-    if let Some(entry) = entry(prefix) {
+pub(super) fn renew(prefix: &GuidPrefix, now_ns: u64) -> bool {
+    let entry = entry(prefix);
+    if let Some(entry) = entry {
         // SAFETY: the map keeps the value alive; an aligned store of 8 bytes is not torn.
         unsafe { (&raw mut (*entry.as_ptr()).last_seen_ns).write_volatile(now_ns) };
     }
+    entry.is_some()
 }
 
 /// Spends `units` of a common budget; whether there was as much.
