@@ -16,6 +16,7 @@ mod background;
 mod batching;
 mod browser;
 mod core;
+mod descriptors;
 mod entity;
 mod external;
 mod group_sets;

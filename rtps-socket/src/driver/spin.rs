@@ -11,6 +11,8 @@ use std::sync::MutexGuard;
 use std::thread;
 use std::time::{Duration, Instant};
 
+use super::descriptors::Looks;
+use super::inflow::Inflow;
 use super::{Core, Shared};
 use crate::sys::Wakeups;
 
@@ -134,6 +136,14 @@ impl Spinning {
         (now < end).then_some(end)
     }
 
+    fn pause(&self, inflow: &Inflow) -> Pause {
+        match self.is_told {
+            true => Pause::Spin,
+            false if inflow.is_stream() => Pause::Nap,
+            false => Pause::Yield,
+        }
+    }
+
     fn ended(&mut self, look: Look, eagerness: &mut Eagerness, now: Instant) {
         self.end = None;
         self.has_found |= look == Look::Found;
@@ -166,50 +176,16 @@ impl Shared {
             .into_iter()
             .flatten()
             .fold(end.min(now + GLANCE), Instant::min);
+        let pause = spinning.pause(&core.seat.inflow);
         let arrivals = core.arrivals();
-        let pause = match spinning.is_told {
-            true => Pause::Spin,
-            false if core.seat.inflow.is_stream() => Pause::Nap,
-            false => Pause::Yield,
-        };
-        let likely = core.likely();
+        let skips = pause == Pause::Yield && !spinning.has_found;
+        let mut looks = Looks::new(core.likely(), skips);
         self.release(core);
-        let mut count = 0;
         let outcome = match arrivals {
             Some(arrivals) => look_until(now, end, pause, |_| arrivals.has_arrived()),
-            None => {
-                // A look costs a system call here, and who is to answer may not have had the CPU yet.
-                let mut skips = pause == Pause::Yield && !spinning.has_found;
-                let mut tries = !likely.is_empty();
-                look_until(now, end, pause, |now| {
-                    if std::mem::take(&mut skips) {
-                        return false;
-                    }
-                    let found = match tries {
-                        true => self.try_descriptors(now, likely),
-                        false => self.look_at_descriptors(now),
-                    };
-                    tries = !tries && !likely.is_empty();
-                    count = found.unwrap_or_default();
-                    found.is_some()
-                })
-            }
+            None => look_until(now, end, pause, |now| looks.look(self, now)),
         };
-        self.take_in(count, outcome, spinning)
-    }
-
-    /// Takes in what has come through descriptors from which samples have come of late, without asking first whether
-    /// they are readable: that saves a system call for each. The number of datagrams, if there were any.
-    fn try_descriptors(&self, now: Instant, likely: Wakeups) -> Option<usize> {
-        let count = self.lock().receive(now, likely);
-        (count > 0).then_some(count)
-    }
-
-    /// Takes in what has come through any descriptor. The number of datagrams with samples, if there was anything.
-    fn look_at_descriptors(&self, now: Instant) -> Option<usize> {
-        let mut core = self.lock();
-        let wakeups = self.look(&mut core, now);
-        (!wakeups.is_empty()).then(|| core.receive(now, wakeups))
+        self.take_in(looks.count, outcome, spinning)
     }
 
     /// Takes in what is there beside the `count` datagrams that were taken in already.

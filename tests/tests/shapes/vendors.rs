@@ -172,9 +172,13 @@ impl Meeting<'_> {
         ))?;
         for (first, color) in (0..).zip(COLORS) {
             let line = format!("{:<10} {color:<10} {}", "Square", end.line);
-            lines::wait_until(&subscriber, &line, |_| lines::has_line(&subscriber, &line))?;
-            let received = places(&subscriber, color);
             let written: Vec<i32> = (first..20).step_by(COLORS.len()).collect();
+            // Where all is there at the first look, the end follows each sample.
+            lines::wait_until(&subscriber, &line, |_| {
+                lines::has_line(&subscriber, &line)
+                    && places(&subscriber, color).len() >= written.len()
+            })?;
+            let received = places(&subscriber, color);
             ensure!(received == written, "{}", subscriber.text());
         }
         let samples = lines::samples(&subscriber);
