@@ -6,7 +6,7 @@ use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use super::seat::Holder;
+use super::seat::{Holder, LOOK_PERIOD};
 use super::{Core, Shared, clear};
 use crate::link::INTERRUPT;
 use crate::sys::{Wakeups, wait_readable};
@@ -55,7 +55,7 @@ fn drive<'a>(shared: &'a Shared, mut core: MutexGuard<'a, Core>) -> MutexGuard<'
         .prepare_nap(now)
         .or_else(|| core.prepare_sleep(now, None));
     let Some(timeout) = sleep else {
-        let wakeups = shared.look_in_time(&mut core, now);
+        let wakeups = shared.look_in_time(&mut core, now, LOOK_PERIOD);
         core.receive(now, wakeups);
         shared.release(core);
         return shared.lock();

@@ -14,7 +14,6 @@ use std::time::{Duration, Instant};
 use super::descriptors::Looks;
 use super::inflow::Inflow;
 use super::{Core, Shared};
-use crate::sys::Wakeups;
 
 /// How long a thread looks that nobody told to.
 const MOMENT: Duration = Duration::from_micros(100);
@@ -196,10 +195,7 @@ impl Shared {
         spinning: &mut Spinning,
     ) -> (MutexGuard<'_, Core>, Instant) {
         let mut core = self.lock();
-        let wakeups = match core.seat.is_unseen(now, GLANCE) {
-            true => self.look(&mut core, now),
-            false => Wakeups::default(),
-        };
+        let wakeups = self.look_in_time(&mut core, now, GLANCE);
         let mut has_found = count > 0;
         if !has_found || !wakeups.is_empty() {
             has_found |= core.receive(now, wakeups) > 0;

@@ -184,9 +184,9 @@ impl Shared {
         wakeups
     }
 
-    /// What is readable, where nobody has looked for long, for who finds no time to sleep.
-    pub(super) fn look_in_time(&self, core: &mut Core, now: Instant) -> Wakeups {
-        match core.seat.is_unseen(now, LOOK_PERIOD) {
+    /// What is readable, where nobody has looked for `period`, for who finds no time to sleep.
+    pub(super) fn look_in_time(&self, core: &mut Core, now: Instant, period: Duration) -> Wakeups {
+        match core.seat.is_unseen(now, period) {
             true => self.look(core, now),
             false => Wakeups::default(),
         }
@@ -228,7 +228,7 @@ impl Shared {
     ) -> (MutexGuard<'a, Core>, Instant) {
         let Some(timeout) = core.prepare_sleep(now, deadline) else {
             let now = Instant::now();
-            let wakeups = self.look_in_time(&mut core, now);
+            let wakeups = self.look_in_time(&mut core, now, LOOK_PERIOD);
             core.receive(now, wakeups);
             return (core, now);
         };
